@@ -60,6 +60,11 @@ TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 
+PARTICIPANTS_VARIABLE = "SOCIALBOT_PARTICIPANTS"
+"""Variable with the number of DDS participants on another machine that the Wi-Fi profile looks for."""
+
+PARTICIPANTS = 32  # where nobody knows the processes of other machines
+
 _FAST_WRITER = """<data_writer profile_name="{topic}">
   <times>
     <heartbeatPeriod><sec>0</sec><nanosec>20000000</nanosec></heartbeatPeriod>
@@ -76,10 +81,14 @@ _UDP_READER = """<data_reader profile_name="{topic}">
 
 @dataclass(frozen=True)
 class Across:
-    """Discovery of other machines: by their addresses, or by a discovery server (address:port)."""
+    """Discovery of other machines: by their addresses, or by a discovery server (address:port).
+
+    At each address up to ``participants`` processes are found where there is no multicast.
+    """
 
     peers: tuple[str, ...] = ()
     server: str = ""
+    participants: int = PARTICIPANTS
 
 
 def prepare(
@@ -103,6 +112,7 @@ def prepare(
     """
     if across:
         environment[DATAGRAM_VARIABLE] = str(UNBOUNDED_BYTES if raw_pictures else PACKET_BYTES)
+        environment[PARTICIPANTS_VARIABLE] = str(across.participants)
         environment["ROS_STATIC_PEERS"] = ";".join(across.peers)
         environment["ROS_DISCOVERY_SERVER"] = across.server
         # With LOCALHOST and peers Fast DDS opens two sockets and sends every packet through both.
@@ -111,6 +121,7 @@ def prepare(
     opened = bool(reach(environment))
     datagram_bytes = environment.get(DATAGRAM_VARIABLE) or str(UNBOUNDED_BYTES if opened else PACKET_BYTES)
     environment[DATAGRAM_VARIABLE] = datagram_bytes
+    environment[PARTICIPANTS_VARIABLE] = environment.get(PARTICIPANTS_VARIABLE) or str(PARTICIPANTS)
     if environment.get(PROFILE_VARIABLE, "") in ("", str(PROFILE), str(WIFI_PROFILE)):
         environment[PROFILE_VARIABLE] = str(WIFI_PROFILE if opened else PROFILE)
     if domain is not None:

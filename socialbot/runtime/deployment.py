@@ -85,6 +85,7 @@ def _remapped(node: NodeConfig, topic: str, new_topic: str) -> NodeConfig:
 
 
 SERVER_PORT = 11811
+SPARE_PARTICIPANTS = 8  # of `up`, pages and tools on a machine, and of other programs in the ROS domain
 HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*")
 
 
@@ -159,7 +160,8 @@ class Deployment:
         if not others:
             return None
         if self.server is None:
-            return Across(peers=others)
+            most = max(len(self.half(name)) for name in self.machines)
+            return Across(peers=others, participants=most + SPARE_PARTICIPANTS)
         return Across(server=f"{self.address(self.server.machine)}:{self.server.port}")
 
     def raw_pictures(self, node: str) -> bool:

@@ -115,6 +115,8 @@ def test_across_machines_by_addresses() -> None:
     assert found["ROS_DISCOVERY_SERVER"] == ""
     assert int(found[DATAGRAM]) + 28 <= 1500
     assert prepared(found) == found
+    few = prepared(found, across=Across(peers=("10.77.0.1",), participants=12))
+    assert few[environment.PARTICIPANTS_VARIABLE] == "12"
 
 
 def test_across_machines_by_a_discovery_server() -> None:
@@ -154,7 +156,7 @@ def test_keeps_a_custom_profile_across_machines() -> None:
 def test_both_profiles_have_the_same_shared_memory() -> None:
     assert segment_size(environment.PROFILE) == segment_size(environment.WIFI_PROFILE) == 32 * 2**20
     texts = [one.text or "" for one in ElementTree.parse(environment.WIFI_PROFILE).iter()]
-    assert f"${{{DATAGRAM}}}" in texts
+    assert {f"${{{DATAGRAM}}}", f"${{{environment.PARTICIPANTS_VARIABLE}}}"} <= set(texts)
 
 
 @pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5", "²", "9" * 5000])

@@ -28,7 +28,9 @@ def test_a_file_assigns_nodes_to_machines():
     assert read.restart == RestartPolicy(times=3, within_s=30.0, first_s=0.5, longest_s=4.0)
     assert read.keys == Path("/here/keys")
     assert read.graph.node("bdi_engine").parameters["greeting"] == "Hallo"
-    assert read.across("robot") == Across(peers=("10.77.0.2",))
+    found = read.across("robot")
+    assert found == Across(peers=("10.77.0.2",), participants=found.participants)
+    assert len(read.half("robot")) < len(read.half("workstation")) < found.participants < 20
 
 
 def test_most_keys_are_optional():
