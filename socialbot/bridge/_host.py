@@ -155,7 +155,7 @@ class NodeHost:
         """Topics of inputs that get every message."""
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
-        self._services = HostedServices(self._ros, config, lambda: self.active_thread, sealed=sealed)
+        self._services = HostedServices(self._ros, config, lambda: self.active_thread, self._transport)
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)

@@ -53,12 +53,12 @@ class NoChannel:
 class RosChannel:
     """Channel that sends calls once there is a server, and notices when it goes away.
 
-    All methods but `send` and `cancel` run in the executor thread.
+    All methods but `send` and `cancel` run in the executor thread of ``ros``.
     """
 
     def __init__(self, ros: RosNode, topic: str, watched: str, report: Callable[..., None]) -> None:
         self.topic = topic
-        self._ros = ros
+        self.ros = ros
         self._watched = watched
         self._report = report
         self._waiting: list[PendingCall] = []
@@ -68,13 +68,13 @@ class RosChannel:
 
     def send(self, call: PendingCall) -> None:
         expect_valid(call.message, self.topic)
-        in_executor(self._ros, self._open, call)
+        in_executor(self.ros, self._open, call)
 
     def cancel(self, call: PendingCall) -> None:
-        in_executor(self._ros, self._cancel, call)
+        in_executor(self.ros, self._cancel, call)
 
     def close(self) -> None:
-        self._ros.destroy_timer(self._timer)
+        self.ros.destroy_timer(self._timer)
 
     @property
     def is_cancelling(self) -> bool:
@@ -114,7 +114,7 @@ class RosChannel:
 
     def _endpoints(self) -> dict[bytes, str]:
         """The node of each server by its id. The name of a new node may be unknown at first."""
-        found = self._ros.get_publishers_info_by_topic(self._watched, no_mangle=True)
+        found = self.ros.get_publishers_info_by_topic(self._watched, no_mangle=True)
         return {bytes(one.endpoint_gid): f"{one.node_namespace}/{one.node_name}" for one in found}
 
     def _cancel(self, call: PendingCall) -> None:
@@ -164,7 +164,7 @@ class ServiceChannel(RosChannel):
 
     def close(self) -> None:
         super().close()
-        self._ros.destroy_client(self._client)
+        self.ros.destroy_client(self._client)
 
     def has_server(self) -> bool:
         return self._client.service_is_ready()

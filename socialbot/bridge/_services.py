@@ -32,8 +32,9 @@ from socialbot.bridge._service_clients import (
     expect_valid,
     in_executor,
 )
-from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import is_power_of_ten, message_class
+from socialbot.bridge.driver_domain import DriverNode
+from socialbot.bridge.environment import KEYS_VARIABLE, reach
+from socialbot.bridge.transport import Transport, is_power_of_ten, message_class
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome
 from socialbot.graph.node import NodeConfig
@@ -49,16 +50,18 @@ CANCEL_SENT_S = 2.0  # longest time that the end of a node waits until its goals
 class HostedServices:
     """Servers and clients of the node ``config``.
 
-    ``thread`` returns the thread of the node; None while it is not active.
+    ``thread`` returns the thread of the node; None while it is not active. ``transport`` knows what needs no seal.
     """
 
     def __init__(
-        self, ros: RosNode, config: NodeConfig, thread: Callable[[], NodeThread | None], *, sealed: bool
+        self, ros: RosNode, config: NodeConfig, thread: Callable[[], NodeThread | None], transport: Transport
     ) -> None:
         self._ros = ros
         self._config = config
         self._thread = thread
-        self._sealed = sealed
+        self._transport = transport
+        self._driver: DriverNode | None = None
+        """Node of the clients in the domain of drivers, which has a thread of its own."""
         self._channels: dict[str, RosChannel] = {}
         self._servers: list[_RosService | _RosAction] = []
         self._absent_since: dict[str, float] = {}
@@ -85,24 +88,49 @@ class HostedServices:
 
         Raises:
             InstallationError: A type is not installed.
-            ParameterError: A service would be offered without a signature in a graph with keys.
+            ParameterError: A service would be offered or called without a signature in a graph with keys.
         """
         for topic, port in self._config.clients:
             try:
                 kind = message_class(port.interface.name)
-            except InstallationError as error:
+                ros = self._caller(topic, port)
+            except (InstallationError, ParameterError) as error:
                 if not port.optional:
                     raise
                 self._ros.get_logger().info(f"the client {port.name} is not used: {error.what}")
                 continue
             make = ActionChannel if port.interface.is_action else ServiceChannel
-            self._channels[port.name] = make(self._ros, topic, kind, self._report)
+            self._channels[port.name] = make(ros, topic, kind, self._report)
         for topic, port in self._config.servers:
-            if self._sealed:
+            if self._transport.sealed:
                 expect_open(topic, port)
             kind = message_class(port.interface.name)
             offer = _RosService if isinstance(port, Service) else _RosAction
             self._servers.append(offer(self._ros, topic, kind, port, self._thread))
+
+    def _caller(self, topic: str, port: ClientPort) -> RosNode:
+        """The rclpy node for a client: that of the domain of drivers, or that of the node.
+
+        Raises:
+            ParameterError: Anybody in the network could answer.
+        """
+        name = self._ros.resolve_service_name(topic)
+        drivers = self._transport.drivers
+        in_drivers = drivers is not None and name in drivers.topics
+        # DDS of a process has one profile. If that is open to the network, so is its part in the domain of drivers.
+        if not (port.open_to_all or self._transport.is_open(name) or (in_drivers and not reach())):
+            raise ParameterError(
+                f"the answers of {name} cannot be signed, so anybody in the network could give them",
+                where=KEYS_VARIABLE,
+                remedy="name it among the drivers of a graph on one machine, or among what is open to all: see "
+                "docs/security.md",
+            )
+        if drivers is not None and in_drivers:
+            if self._driver is None:
+                self._driver = drivers.node(self._ros)
+                self._driver.spin()
+            return self._driver.ros
+        return self._ros
 
     def channel(self, port: ClientPort) -> Channel:
         """The channel of a client."""
@@ -117,7 +145,10 @@ class HostedServices:
     def cancel_goals(self) -> None:
         """Ask the servers to cancel the goals of the node."""
         for channel in self._channels.values():
-            channel.cancel_all()
+            if self._driver is not None and channel.ros is self._driver.ros:
+                self._driver.call(channel.cancel_all)
+            else:
+                channel.cancel_all()
 
     def await_cancels(self) -> None:
         """Wait a moment until the servers have got what `cancel_goals` asks; the executor of the node has ended."""
@@ -141,6 +172,9 @@ class HostedServices:
             each.close()
         self._channels.clear()
         self._servers.clear()
+        if self._driver is not None:
+            self._driver.close()
+            self._driver = None
 
     def _report(self, callback: Callable[..., None], *arguments: Any) -> None:
         thread = self._thread()

@@ -1,31 +1,41 @@
-"""ROS domain of the drivers of actuators, which cannot verify seals.
+"""ROS domain of the drivers of a robot, which cannot verify seals.
 
 A node of the graph publishes its commands for such a driver twice: sealed in the domain of the graph, and plain in the
 domain of the drivers, on this machine only. The driver, bound to the loopback interface of that domain, receives the
-commands of that node alone.
+commands of that node alone. Clients of the services and actions of drivers are in that domain only: in a
+graph that is not open to the network, they get no answers of others.
 """
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bridge.environment import DRIVERS_VARIABLE, HIGHEST_DOMAIN, TOPIC_NAME, domain_number, ros_domain
+from socialbot.bridge.environment import (
+    DRIVERS_VARIABLE,
+    HIGHEST_DOMAIN,
+    SPIN_TIMEOUT_S,
+    TOPIC_NAME,
+    domain_number,
+    ros_domain,
+)
 from socialbot.core.errors import ParameterError
 
 _LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "", "ROS_DISCOVERY_SERVER": ""}
 """Variables of a participant that other machines neither find nor are looked for."""
+
+CALL_S = 2.0  # longest time (s) to wait for the thread of a node
 
 _changing = threading.Lock()
 
 
 @dataclass(frozen=True)
 class DriverDomain:
-    """ROS domain of drivers, and the fully qualified topics of their commands."""
+    """ROS domain of drivers, and the fully qualified names of their commands: topics, services and actions."""
 
     domain: int
     topics: frozenset[str]
@@ -36,6 +46,11 @@ class DriverDomain:
 
     def publisher(self, ros: Any, topic: str, ros_class: Any, qos: Any) -> DriverPublisher:
         """Make the publisher of commands beside that of the rclpy node ``ros``, with whose context it ends."""
+        driver = self.node(ros)
+        return DriverPublisher(driver, driver.ros.create_publisher(ros_class, topic, qos))
+
+    def node(self, ros: Any) -> DriverNode:
+        """Make a node in this domain beside the rclpy node ``ros``, with whose context it ends."""
         import rclpy
         from rclpy.context import Context
         from rclpy.node import Node
@@ -50,17 +65,66 @@ class DriverDomain:
                 start_parameter_services=False,
                 enable_rosout=False,
             )
-        made = DriverPublisher(context, node, node.create_publisher(ros_class, topic, qos))
+        made = DriverNode(context, node)
         ros.context.on_shutdown(made.close)
         return made
 
 
 @dataclass(eq=False)
-class DriverPublisher:
-    """Publisher in the domain of the drivers, with an rclpy context of its own."""
+class DriverNode:
+    """Node in the domain of the drivers, with an rclpy context of its own."""
 
     context: Any
-    node: Any
+    ros: Any
+    _executor: Any = None
+    _thread: threading.Thread | None = None
+
+    def spin(self) -> None:
+        """Spin the node in a thread of its own until it is closed."""
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.ros)
+        self._thread = threading.Thread(target=self._spin, name=self.ros.get_name(), daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        from rclpy.executors import ExternalShutdownException
+
+        # Without a timeout an executor on a busy machine may never notice entities that were added as it began to spin.
+        with suppress(ExternalShutdownException):
+            while not self._executor._is_shutdown:
+                self._executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
+
+    def call(self, callback: Callable[[], None]) -> None:
+        """Run ``callback`` in the thread that spins the node, and wait for it for `CALL_S` at most."""
+        done = threading.Event()
+
+        def run() -> None:
+            try:
+                callback()
+            finally:
+                done.set()
+
+        self._executor.create_task(run)
+        done.wait(CALL_S)
+
+    def close(self) -> None:
+        """Remove the node from the domain."""
+        if not self.context.ok():
+            return
+        if self._thread is not None:
+            self._executor.shutdown()
+            self._thread.join(2 * SPIN_TIMEOUT_S)
+        self.ros.destroy_node()
+        self.context.try_shutdown()
+
+
+@dataclass(eq=False)
+class DriverPublisher:
+    """Publisher in the domain of the drivers."""
+
+    driver: DriverNode
     publisher: Any
 
     def publish(self, ros_message: Any) -> None:
@@ -69,9 +133,7 @@ class DriverPublisher:
 
     def close(self) -> None:
         """Remove the publisher from the domain."""
-        if self.context.ok():
-            self.node.destroy_node()
-            self.context.try_shutdown()
+        self.driver.close()
 
 
 def driver_domain(environment: Mapping[str, str] = os.environ) -> DriverDomain | None:

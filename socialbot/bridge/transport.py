@@ -132,8 +132,9 @@ class Transport:
     Args:
         seal: Signs and verifies messages; without it they are unsealed.
         form: The form of structured messages: JSON or ROS types.
-        open_topics: Fully qualified topics of standard types that need no seal.
-        drivers: Domain where messages of some topics of standard types are published as well.
+        open_topics: Fully qualified topics of standard types, services and actions that need no seal.
+        drivers: Domain where messages of some topics of standard types are published as well, and some services and
+            actions are called.
     """
 
     def __init__(
@@ -163,6 +164,11 @@ class Transport:
         return self._seal is not None
 
     @property
+    def drivers(self) -> DriverDomain | None:
+        """Domain of drivers, for commands in standard types, services and actions."""
+        return self._drivers
+
+    @property
     def renewal_s(self) -> float:
         """Period (s) of `renew`; infinite without keys."""
         return math.inf if self._seal is None else min(self._seal.window_s / RENEWALS_PER_WINDOW, BEACON_S)
@@ -173,7 +179,11 @@ class Transport:
 
     def has_detached_seals(self, topic: str) -> bool:
         """Whether messages of standard types on the fully qualified ``topic`` need a seal."""
-        return self._seal is not None and topic not in self._open_topics
+        return not self.is_open(topic)
+
+    def is_open(self, name: str) -> bool:
+        """Whether what others send on the fully qualified topic, service or action needs no seal."""
+        return self._seal is None or name in self._open_topics
 
     def advertise(self, ros: Any, topic: str, kind: type[Message], delivery: Delivery = Delivery.EVERY) -> Sender:
         """Make a publisher of the rclpy node ``ros``, and its sender."""

@@ -123,12 +123,13 @@ class ActionServer(_Server):
 class _ClientPort:
     interface: Interface
 
-    def __init__(self, topic: str, *, deadline_s: float, optional: bool) -> None:
+    def __init__(self, topic: str, *, deadline_s: float, optional: bool, open_to_all: bool) -> None:
         if deadline_s < 0:
             raise GraphError(f"deadline_s is {deadline_s:g}", where=topic, remedy="give seconds, or 0 for none")
         self.topic = topic
         self.deadline_s = deadline_s
         self.optional = optional
+        self.open_to_all = open_to_all
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -143,12 +144,19 @@ class Client(_ClientPort):
         topic: Name of the service.
         deadline_s: Time (s) for an answer; 0 for no limit.
         optional: Whether a graph is complete without a server.
+        open_to_all: Call it in a graph with keys, too. Answers carry no signature: anybody may give them.
     """
 
     def __init__(
-        self, service_type: type | str, topic: str, *, deadline_s: float = SERVICE_DEADLINE_S, optional: bool = False
+        self,
+        service_type: type | str,
+        topic: str,
+        *,
+        deadline_s: float = SERVICE_DEADLINE_S,
+        optional: bool = False,
+        open_to_all: bool = False,
     ) -> None:
-        super().__init__(topic, deadline_s=deadline_s, optional=optional)
+        super().__init__(topic, deadline_s=deadline_s, optional=optional, open_to_all=open_to_all)
         self.interface = interface(service_type, "srv")
 
     @overload
@@ -165,8 +173,16 @@ class Client(_ClientPort):
 class ActionClient(_ClientPort):
     """Client of an action; accessed on a node, it is an `ActionCaller`. The arguments are those of `Client`."""
 
-    def __init__(self, action_type: type | str, topic: str, *, deadline_s: float = 0.0, optional: bool = False) -> None:
-        super().__init__(topic, deadline_s=deadline_s, optional=optional)
+    def __init__(
+        self,
+        action_type: type | str,
+        topic: str,
+        *,
+        deadline_s: float = 0.0,
+        optional: bool = False,
+        open_to_all: bool = False,
+    ) -> None:
+        super().__init__(topic, deadline_s=deadline_s, optional=optional, open_to_all=open_to_all)
         self.interface = interface(action_type, "action")
 
     @overload

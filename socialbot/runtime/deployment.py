@@ -229,15 +229,18 @@ class Deployment:
             raise GraphError(f"{self.domain} is the domain of the graph", where=where, remedy=remedy)
         if not self.drivers.topics:
             raise GraphError("no topics", where=where, remedy="write {domain: 43, topics: [/head/trajectory]}")
-        standard = sorted(name for name, kind in self.written.topics().items() if not issubclass(kind, Structured))
+        standard = {name for name, kind in self.written.topics().items() if not issubclass(kind, Structured)}
+        called = {name for one in self.written.nodes for name, _ in one.clients}
         for topic in sorted(self.drivers.topics):
-            _check_known(f"{topic!r} is not a topic of a standard type", topic, standard, where)
-            publishers = [one.name for one in self.written.nodes if topic in dict(one.publications)]
-            if len(publishers) != 1:
+            what = f"{topic!r} is not a topic of a standard type, and no service or action that a node calls"
+            _check_known(what, topic, sorted(standard | called), where)
+            senders = [one.name for one in self.written.nodes if topic in dict((*one.publications, *one.clients))]
+            if len(senders) != 1:
+                verb = "called" if topic in called else "published"
                 raise GraphError(
-                    f"{topic} is published by {' and '.join(publishers) or 'no node of the graph'}",
+                    f"{topic} is {verb} by {' and '.join(senders) or 'no node of the graph'}",
                     where=where,
-                    remedy="let one node publish the commands of a driver",
+                    remedy="let one node send the commands of a driver",
                 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,10 +16,13 @@ from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, free_d
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.transport import RclpyTypes, open_transport
 from socialbot.core.errors import GraphError, ParameterError
-from tests.bridge.hosting import has_receivers, node_hosts
+from socialbot.graph.calls import CallResult
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.services import ActionClient, Client
+from tests.bridge.hosting import foreign_process, has_receivers, node_hosts, spinning_nodes
 from tests.bridge.test_strangers_standard import CASES, Intruder, nodes_of
 from tests.runtime.deployments import deployment
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 from tests.system.two_hosts import CLOSED, ROBOT, WORKSTATION, open_to, script, two_hosts
 
 TOPIC = "/head_controller/joint_trajectory"
@@ -72,6 +76,53 @@ def test_a_driver_receives_commands_of_the_guarded_node_only(tmp_path: Path, mon
         assert soon(lambda: received == [1.0] and sink.node.got == [1])
         source.clean_up()
         assert soon(lambda: driver.count_publishers("/standard") == 0)
+
+
+class Caller(Node):
+    """Calls a service and an action of drivers."""
+
+    light = Client("std_srvs/srv/SetBool", "/light", deadline_s=30.0)
+    count = ActionClient("test_msgs/action/Fibonacci", "/count")
+    results: tuple[CallResult, ...] = ()
+
+    def on_result(self, result: CallResult) -> None:
+        self.results += (result,)
+
+
+@pytest.mark.ros
+def test_services_and_actions_of_drivers_are_called_in_their_domain_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stranger in the domain of the graph offers the same, and gets no request and no goal."""
+    new_key("robot", tmp_path / "keys")
+    domain, own = free_domain(), os.environ["ROS_DOMAIN_ID"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    with foreign_process("tests.bridge.foreign_servers") as driver:
+        monkeypatch.setenv("ROS_DOMAIN_ID", own)
+        with foreign_process("tests.bridge.foreign_servers"):
+            monkeypatch.setenv(KEYS_VARIABLE, str(tmp_path / "keys"))
+            monkeypatch.setenv(DRIVERS_VARIABLE, f"{domain}:/light:/count")
+            services = frozenset({"/light", "/count"})
+            graph = Graph("calls", (NodeConfig("caller", Caller),), services=services)
+            with node_hosts(graph) as host, spinning_nodes("onlooker") as (onlooker,):
+                hosted = host("caller")
+                assert eventually(lambda: hosted.active_thread is not None)
+                call_soon, node = hosted.active_thread.queue.call_soon, hosted.node
+                assert eventually(lambda: onlooker.count_services("/light") == 1)
+                assert onlooker.count_clients("/light") == 0
+                call_soon(lambda: node.light.call({"data": True}, node.on_result))
+                assert eventually(lambda: len(node.results) == 1)
+                call_soon(lambda: node.count.send_goal({"order": 2}, node.on_result))
+                assert eventually(lambda: len(node.results) == 2)
+                light, count = node.results
+                assert (light.outcome, light.message.success, light.message.message) == ("succeeded", True, "")
+                assert (count.outcome, list(count.message.sequence)) == ("succeeded", [2, 1])
+
+                kept = []
+                call_soon(lambda: kept.append(node.count.send_goal({"order": 100}, node.on_result)))
+                assert eventually(lambda: kept and kept[0].accepted)
+                hosted.transition_to("inactive")
+                assert next_line(driver) == "cancelled\n"
 
 
 @pytest.mark.parametrize(

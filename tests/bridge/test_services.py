@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from socialbot.bridge import _services
 from socialbot.bridge._service_clients import MAX_FEEDBACK, ActionChannel
+from socialbot.bridge.environment import free_domain
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph import calls
 from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
@@ -521,6 +522,38 @@ def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, mo
         else:
             assert isinstance(lamp.failure, ParameterError | NodeError)
             assert "/light cannot be signed, so anybody in the network could call it" in str(lamp.failure)
+
+
+@pytest.mark.parametrize("way", ["closed", "closed driver", "optional", "declared", "named"])
+def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch, servers):
+    """Anybody in the network can answer, so the answers count only where somebody has decided so."""
+    from socialbot.bridge.keys import new_key
+
+    new_key("robot", tmp_path)
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path))
+    if way == "named":
+        monkeypatch.setenv("SOCIALBOT_OPEN_TOPICS", "/light")
+    if way == "closed driver":  # the graph is open to the network, and so would be its clients of drivers
+        monkeypatch.setenv("SOCIALBOT_DRIVERS", f"{free_domain()}:/light")
+        monkeypatch.setenv("ROS_STATIC_PEERS", "127.0.0.2")
+
+    class Guarded(Node):
+        light = Client(SetBool, "/light", deadline_s=30.0, optional=way == "optional", open_to_all=way == "declared")
+        results: tuple[CallResult, ...] = ()
+
+        def on_result(self, result: CallResult) -> None:
+            self.results += (result,)
+
+    with node_hosts(graph_of(NodeConfig("guarded", Guarded))) as host:
+        hosted = host("guarded")
+        if way.startswith("closed"):
+            assert isinstance(hosted.failure, ParameterError | NodeError)
+            assert "the answers of /light cannot be signed, so anybody in the network could give" in str(hosted.failure)
+            return
+        assert eventually(lambda: hosted.active_thread is not None)
+        limit_s = 0.5 if way == "optional" else None
+        in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result, deadline_s=limit_s))
+        assert only_result(hosted).outcome == ("absent" if way == "optional" else "succeeded")
 
 
 def test_recording_of_a_call_answers_it_in_a_replay(servers, tmp_path):

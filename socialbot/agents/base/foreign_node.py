@@ -66,9 +66,9 @@ class ForeignNode(Node):
     period_s = Parameter(0.5, "time between an answer and the next call, s", minimum=0.05)
     answer_s = Parameter(1.0, "time limit for an answer, s", minimum=0.05)
 
-    get_state = Client("lifecycle_msgs/srv/GetState", "~/get_state", optional=True)
-    change_state = Client("lifecycle_msgs/srv/ChangeState", "~/change_state", optional=True)
-    ping = Client("rcl_interfaces/srv/GetParameterTypes", "~/get_parameter_types", optional=True)
+    get_state = Client("lifecycle_msgs/srv/GetState", "~/get_state", optional=True, open_to_all=True)
+    change_state = Client("lifecycle_msgs/srv/ChangeState", "~/change_state", optional=True, open_to_all=True)
+    ping = Client("rcl_interfaces/srv/GetParameterTypes", "~/get_parameter_types", optional=True, open_to_all=True)
     states = Output(ForeignNodeState, "~/state", delivery=Delivery.LATCHED)
 
     _begun = _retry_at = 0
