@@ -29,6 +29,7 @@ def test_a_file_assigns_nodes_to_machines():
     assert read.keys == Path("/here/keys")
     assert read.graph.node("bdi_engine").parameters["greeting"] == "Hallo"
     found = read.across("robot")
+    assert found is not None
     assert found == Across(peers=("10.77.0.2",), participants=found.participants)
     assert len(read.half("robot")) < len(read.half("workstation")) < found.participants < 20
 
