@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -319,6 +320,21 @@ def wait_for(get: Callable[[], T], timeout_s: float, ended: Callable[[], bool] =
 SPIN_TIMEOUT_S = 0.5
 
 
+WITHOUT_LOG_FILES = ("--ros-args", "--disable-external-lib-logs")
+
+
+def can_log(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether ROS can make a file in its log folder; otherwise, as on a full disk, it would not start."""
+    home = Path(environment.get("ROS_HOME") or Path.home() / ".ros")
+    folder = Path(environment.get("ROS_LOG_DIR") or home / "log")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
 @contextmanager
 def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     """Open an rclpy context without signal handlers. Raises ParameterError for invalid ROS ``args``."""
@@ -332,8 +348,9 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     prepare()
     warn_if_open()
     context = Context()
+    words = args if can_log() else [*(sys.argv if args is None else args), *WITHOUT_LOG_FILES]
     try:
-        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=words, context=context, signal_handler_options=SignalHandlerOptions.NO)
     except (rcl.RCLError, rcl.RCLInvalidROSArgsError, rcl.UnknownROSArgsError) as error:
         if not args:
             raise

@@ -76,6 +76,25 @@ def test_a_profile_that_cannot_be_written_stays_in_memory(tmp_path: Path) -> Non
     assert "/health" in [one.get("profile_name") for one in ElementTree.fromstring(text.strip()).iter()]
 
 
+@pytest.mark.ros
+def test_a_node_starts_where_ros_cannot_write_its_log_and_publishes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "log").touch()  # in the place of a folder
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log" / "ros"))
+    program = """
+import threading
+from rcl_interfaces.msg import Log
+from socialbot.bridge.environment import spinning_node
+heard = threading.Event()
+with spinning_node("loud") as ros:
+    ros.create_subscription(Log, "/rosout", lambda log: heard.set(), 10)
+    while not heard.wait(0.1):
+        ros.get_logger().info("here")
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300, capture_output=True)
+
+
 def test_repairs_the_newest_messages_fast_on_a_network(tmp_path: Path) -> None:
     found = prepared(across=Across(peers=("10.77.0.2",)))
     environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"], fresh=["/view/link", "/view/link/_seal"])
