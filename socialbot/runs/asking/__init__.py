@@ -1,8 +1,9 @@
 """Questions about a run in plain language: why something was done or left undone, what is seen, done and intended.
 
-`answer` is the entry point, for the terminal, the page of a run, and speech. A grammar over kinds of questions, deeds
-and references understands a question; it knows no fixed sentences. Each clause of an answer names the records behind
-it. What no record supports is answered with "I don't know".
+`answer` is the entry point, for the terminal, the page of a run, and speech. A question is read in two steps: its parts
+are found (people, times, classes of words, deeds of the run), and each kind of question with each deed is ranked by
+learned weights; no fixed sentences are known. Each clause of an answer names the records behind it. What no record
+supports is answered with "I don't know".
 """
 
 from socialbot.runs.asking._answers import Answer, answer

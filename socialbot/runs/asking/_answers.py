@@ -13,9 +13,10 @@ from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
-from socialbot.runs.asking._facts import near, record_agent
+from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
-from socialbot.runs.asking._questions import NEAR_S, SURE, understand, with_time
+from socialbot.runs.asking._questions import NEAR_S, Question, candidates, with_time
+from socialbot.runs.asking._ranking import understood
 from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause, infinitive, kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
@@ -90,18 +91,35 @@ def answer(
     if agent and agent not in history.agents:
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
+    facts = facts_of(run)
+    question = understood(candidates(text, facts.subjects, language), facts.subjects, language)
+    return answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+
+
+def facts_of(run: RunView) -> Facts:
+    """Return the facts of a run and what it can be asked about; rules name deeds that were never considered, too."""
     vocabulary = vocabulary_of(run.graph)
     if run.graph is None:  # the words of all packages
-        vocabulary = replace(vocabulary, deeds=tuple(deed for deed in vocabulary.deeds if _occurs(deed, history)))
-    subjects = Subjects(history, run.wording, vocabulary, {})
-    question = understand(text, subjects, language)
-    if not question.topics or question.kind == "why_not" or question.confidence < SURE:
-        # Rules name deeds that were never considered in this run.
-        subjects = Subjects(history, run.wording, vocabulary, run.rules)
-        question = understand(text, subjects, language)
-    end_s = history.seconds(run.end) if len(history) else 0.0
+        known = tuple(deed for deed in vocabulary.deeds if _occurs(deed, run.history))
+        vocabulary = replace(vocabulary, deeds=known)
+    return Facts(Subjects(run.history, run.wording, vocabulary, run.rules))
+
+
+def answered(
+    run: RunView,
+    facts: Facts,
+    question: Question,
+    text: str,
+    *,
+    at_s: float | None = None,
+    speaker: str = "",
+    agent: str = "",
+    spoken: bool = False,
+) -> Answer:
+    """Return the answer to a question as it was understood."""
+    end_s = run.history.seconds(run.end) if len(run.history) else 0.0
     now_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
-    return _Answering(run, subjects, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
+    return _Answering(run, facts, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
 
 
 def _occurs(deed: Deed, history: History) -> bool:
@@ -117,7 +135,7 @@ class _Answering(Scope):
         question = self.question
         if not len(self.history):
             return self._unknown(text, self.speech.say("not_recorded"))
-        if question.kind is None or question.confidence < SURE:
+        if question.kind is None:
             is_asked = question.verb in tokens(text) and question.verb not in LANGUAGES[question.language].known_words
             why = self.speech.say("no_deed", word=question.verb) if is_asked else self.speech.say("unclear")
             return self._unknown(text, why, understood=False)
@@ -161,7 +179,7 @@ class _Answering(Scope):
         if not topics:
             return None
         asked = replace(self.question, topics=topics, person=other.person, contrast=None, kind="why_not")
-        foil = _Answering(self.run, self.subjects, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken)
+        foil = _Answering(self.run, self.facts, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken)
         if foil.persons == [NOBODY]:
             return None
         told = foil._why_not()

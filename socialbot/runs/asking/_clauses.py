@@ -10,15 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import stem, tokens
 from socialbot.runs.asking.languages import INTERROGATIVES, Language
 
 Relation = Literal["after", "before", "when"]
 
-_CAUSING = {"got", "made", "had", "led", "get", "make"}
-_SHORTEST_VERB = 4
-"""Least letters of a verb: shorter words may be auxiliaries that are mistyped."""
 _TELLERS = {"i", "we", "they", "he", "she", "somebody", "someone", "people", "everybody"}
 _HEARSAY = {
     "told", "said", "say", "says", "heard", "hear", "believe", "think", "thought", "guess", "suppose", "assume",
@@ -68,41 +63,6 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
         if word not in thinking and word not in aside and (place or word in language.known_words):
             break
     return list(words)
-
-
-def caused(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
-    """Return ``what <verb> you to ...`` as ``why you ...``: whatever the verb, it asks for the cause.
-
-    The object of the verb is the robot, an agent, a person or a noun with an article.
-    """
-    if len(words) < 4 or words[0] != "what":
-        return list(words)
-    is_known = stem(words[1]) in {stem(word) for word in language.known_words}
-    if words[1] not in _CAUSING and (is_known or len(words[1]) < _SHORTEST_VERB):
-        return list(words)
-    objects = {one[0] for name in ("you", "me", "them") for one in language.phrases[name]}
-    objects |= {"the", *(word for name in (*subjects.agents, *subjects.persons) for word in tokens(name)[:1])}
-    if words[2] not in objects:
-        return list(words)
-    return ["why", *(word for n, word in enumerate(words[2:], 2) if not (word in ("to", "into") and n == 3))]
-
-
-def addressed(words: Sequence[str], language: Language) -> list[str]:
-    """Return ``did t1 hear from you`` as ``did you say to t1``."""
-    verb = next((n for n, word in enumerate(words) if word in ("hear", "heard")), 0)
-    begin = next((n for n in range(verb) if words[n] in language.auxiliaries), verb)
-    end = next((n for n in range(verb + 1, len(words) - 1) if tuple(words[n : n + 2]) == ("from", "you")), 0)
-    if begin + 1 >= verb or not end:
-        return list(words)
-    return [
-        *words[: begin + 1],
-        "you",
-        "say",
-        *words[verb + 1 : end],
-        "to",
-        *words[begin + 1 : verb],
-        *words[end + 2 :],
-    ]
 
 
 def _without_end(words: Sequence[str], language: Language) -> Sequence[str]:

@@ -42,10 +42,10 @@ class Presence:
 
 
 class Facts:
-    """Facts of a history, read once for one question."""
+    """Facts of a history, read once."""
 
-    def __init__(self, subjects: Subjects, now: int) -> None:
-        self.subjects, self.now = subjects, now
+    def __init__(self, subjects: Subjects) -> None:
+        self.subjects = subjects
         self.history: History = subjects.history
 
     @cached_property

@@ -1,183 +1,163 @@
-"""Deeds that the words of a question name."""
+"""Deeds that a question may name, each with the evidence for it in the words of the question."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
+from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity, tokens
+from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity, stem, tokens
+from socialbot.runs.asking.languages import INTERROGATIVES
 from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
 
+Evidence = Mapping[str, float]
+
 _SOFT = (
-    "see",
-    "do",
-    "say",
-    "here",
-    "plan",
-    "happen",
-    "next",
-    "time",
-    "filler",
-    "place",
-    "not",
-    "people",
-    "nobody",
-    "what",
+    "see", "do", "say", "here", "plan", "happen", "next", "time", "filler", "place", "not", "people", "nobody", "what",
     "at",
-)
-_SAME = 0.06
-"""Difference of fit within which several deeds have the same words."""
-_SYNONYM = 0.96
-"""Fit of a synonym."""
-_BY_NAME = 0.9
-"""Share of the fit of a deed that is named by its argument only."""
+)  # fmt: skip
+"""Classes whose words may be parts of a deed: "do nothing", "say hello", "come to base"."""
+_LONGEST_ASKING = 5
+"""Most letters of interrogatives that are nothing else."""
 _MOST_BETWEEN = 3
 """Most words between the parts of a synonym: ``let the visitor in``."""
+_NEAR_S = 2.0
 _VERB = 0.78
-"""Share of the first word of a loose phrase in its fit."""
+"""Share of the first word of a loose phrase in its likeness."""
+_MOST_DEEDS = 7
+"""Most deeds of a question that are compared."""
+_TRUST = {
+    "declared": 1.0, "opposite": 1.0, "loose": 0.98, "synonym": 0.95, "act": 0.94, "name": 0.8, "said": 0.7,
+    "cause": 0.5, "thing": 0.3, "time": 0.3,
+}  # fmt: skip
+"""How much each kind of evidence counts when the deeds to compare are selected."""
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """How words name a deed.
+class NamedDeed:
+    """Deed with the evidence for it.
 
     Args:
-        alike: How well they fit.
-        places: Their places.
         topic: The deed.
-        fixed: The places of words that name it together, as ``drop off`` does.
-        is_opposite: Whether they name its opposite.
-        is_synonym: Whether they are no words of the agent.
-        is_by_name: Whether they name only its argument.
+        evidence: How well each kind of evidence fits, from 0 to 1: a phrase that the agent declares, an ``opposite``,
+            a ``loose`` phrase from names, a ``synonym``, the ``act`` that words do, the ``name`` in its argument, words
+            that are ``said``, and words of its records and their ``cause``.
+        places: Places of the words that name it.
     """
 
-    alike: float
-    places: tuple[int, ...]
     topic: Topic
-    fixed: tuple[int, ...] = ()
-    is_opposite: bool = False
-    is_synonym: bool = False
-    is_by_name: bool = False
+    evidence: Evidence
+    places: frozenset[int]
 
-    def outdoes(self, other: _Fit) -> bool:
-        """Return whether the other one knows only some words of a phrase: "go ahead" is not to go."""
-        return len(self.fixed) > 1 and set(other.places) < set(self.fixed)
+    @property
+    def is_opposite(self) -> bool:
+        return "opposite" in self.evidence
+
+    @property
+    def is_synonym(self) -> bool:
+        """Whether the words are none of the agent."""
+        return not {"declared", "opposite", "loose"}.intersection(self.evidence)
+
+    @property
+    def fit(self) -> float:
+        return max(_TRUST[name] * alike for name, alike in self.evidence.items())
 
 
-@dataclass(frozen=True)
-class Named:
-    """Deeds that the words of a question name.
+def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], stamp: int | None) -> list[NamedDeed]:
+    """Return the deeds that the words may name, the most likely ones first.
 
     Args:
-        topics: The deeds; those that were done come first.
-        fit: How well the first one fits.
-        is_opposite: Whether they name its opposite.
-        is_synonym: Whether they are no words of the agent.
+        reading: The words with their classes.
+        subjects: What the run can be asked about.
+        things: Names of things and agents in the question.
+        stamp: Time (ns) in the time in the question; None without one.
     """
-
-    topics: tuple[Topic, ...] = ()
-    fit: float = 1.0
-    is_opposite: bool = False
-    is_synonym: bool = False
-
-
-def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -> Named:
-    """Return the deeds that the words name.
-
-    Of deeds that fit, those that the ``verb`` at that place names come first: "empty its load" is to unload.
-    """
-    code, words = reading.language.code, reading.words
     free = set(reading.free())
-    # Verbs of every agent may be parts of a deed: "do nothing", "say hello", "come to base".
+    # "Why did you explain it?": behind an interrogative, its class is no other one.
+    asking = sorted(place for name in INTERROGATIVES for place in reading.places(name))
+    free |= {place for place in asking[1:] if len(reading.words[place]) > _LONGEST_ASKING}
     soft = {place for name in _SOFT for place in reading.places(name)}
-    found: list[_Fit] = []
-    for topic in subjects.topics:
-        fits = [
-            _Fit(alike, places, topic, places, opposite)
-            for opposite, table in ((False, topic.words), (True, topic.opposites))
-            for phrase in table.get(code, ())
-            for alike, places in [likeness(phrase, words, 4)]
-            if places and (set(places) & free or len(places) > 1) and _is_whole(phrase, places, words, free, soft)
-        ]
-        for phrase in topic.loose:
-            if verb is not None and verb not in reading.places("say") and phrase in topic.named_by_argument:
-                continue  # "Did you meet Bob?" is not about every deed to Bob
-            alike, places = _loosely(phrase, words, free, soft)
-            if places:
-                is_by_name = phrase in topic.named_by_argument
-                fits.append(_Fit(alike * (_BY_NAME if is_by_name else 1.0), places, topic, is_by_name=is_by_name))
-        if topic.declared is not None or subjects.done(topic):
-            fits += _by_synonyms(topic, reading, free, soft)
-        fits = [each for each in fits if not any(other.outdoes(each) for other in fits)]
-        if fits:
-            # "Skip greeting" is the opposite, too.
-            is_opposite = any(each.is_opposite and each.alike >= ALIKE for each in fits)
-            best = max(fits, key=lambda each: (each.alike, len(each.places), each.is_opposite))
-            found.append(replace(best, is_opposite=is_opposite))
-    found = [each for each in found if not any(other.outdoes(each) for other in found)]
-    if not found:
-        return Named()
-    most = max(each.alike for each in found)
-    near = [each for each in found if each.alike >= most - _SAME]
-    near.sort(key=lambda each: (verb not in each.places, *_rank(each, subjects), -len(each.places), -each.alike))
-    first = near[0]
-    if first.alike < ALIKE - 0.04:
-        return Named()
-    places = set(first.places)
-    reading.found["topic"] = [(first.alike, first.places)]
-    reading.taken |= places
-    named = {word for phrase in (*first.topic.words.get(code, ()), *first.topic.loose) for word in phrase}
-    reading.found["deed"] = [(1.0, (at,)) for at in free if any(similarity(words[at], word) >= ALIKE for word in named)]
-    reading.taken |= set(reading.places("deed"))
-    # Other deeds have the same words, or some of them: "Bob" alone is no other deed for "let in".
-    same = tuple(each.topic for each in near if places.intersection(each.places))
-    return Named(same, min(1.0, first.alike), first.is_opposite, first.is_synonym)
+    found = [
+        each
+        for topic in subjects.topics
+        for opposite in (False, True)
+        for each in [_named(topic, reading, subjects, things, stamp, free, soft, opposite=opposite)]
+        if each is not None
+    ]
+    # "Go ahead" is not to go: a phrase outdoes a part of it.
+    found = [each for each in found if not any(each.places < other.places and other.fit >= each.fit for other in found
+                                               if {"declared", "synonym", "act"} & set(other.evidence))]  # fmt: skip
+    found.sort(key=lambda each: (-round(each.fit, 2), not subjects.done(each.topic), -len(each.places)))
+    return found[:_MOST_DEEDS]
 
 
-def _rank(fit: _Fit, subjects: Subjects) -> tuple[bool, int]:
-    """Return the order of deeds with the same words.
-
-    Deeds that were done come first. Among the rest, deeds named by the agent's own words come before what was said to
-    the same end, then others, and last deeds of which the words name only the argument.
-    """
-    is_saying = fit.is_synonym and fit.topic.is_saying
-    acted = not is_saying and bool(subjects.acted(fit.topic))
-    ranks = (fit.is_by_name, not acted and (is_saying or fit.is_synonym), not acted, fit.is_synonym and not is_saying)
-    return not subjects.done(fit.topic), sum(weight * rank for weight, rank in zip((8, 4, 2, 1), ranks, strict=True))
-
-
-def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int]) -> Iterator[_Fit]:
-    """Yield how words name a deed by synonyms of its main phrase, or of the verbs that its loose phrases begin with.
-
-    The first phrase that a vocabulary declares is the main one; others are words of a wider meaning.
-    """
+def _named(
+    topic: Topic,
+    reading: Reading,
+    subjects: Subjects,
+    things: Sequence[str],
+    stamp: int | None,
+    free: set[int],
+    soft: set[int],
+    *,
+    opposite: bool,
+) -> NamedDeed | None:
     code, words = reading.language.code, reading.words
+    evidence: dict[str, float] = {}
+    places: dict[str, tuple[int, ...]] = {}
 
-    def places_of(other: Phrase) -> tuple[int, ...]:
-        alike, places = likeness(other, words, _MOST_BETWEEN)
-        is_named = bool(places) and (set(places) & free or len(places) > 1)
-        return places if alike >= FORM and is_named and _is_whole(other, places, words, free, soft) else ()
+    def note(kind: str, alike: float, at: Sequence[int]) -> None:
+        if at and alike > evidence.get(kind, 0.0):
+            evidence[kind], places[kind] = alike, tuple(at)
 
-    for opposite, table in ((False, topic.words), (True, topic.opposites)):
-        for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
-            if places := places_of(other):
-                yield _Fit(_SYNONYM, places, topic, places, opposite, is_synonym=True)
-    if code != "en":
-        return  # names of goals and actions are English
-    if topic.is_saying:
-        for other in acts_of(tokens(" ".join(arguments_of(topic.name)))):
-            if places := places_of(other):
-                yield _Fit(_SYNONYM, places, topic, places, is_synonym=True)
-        return
+    def occurs(phrase: Phrase, most_between: int) -> tuple[float, tuple[int, ...]]:
+        alike, at = likeness(phrase, words, most_between)
+        is_named = bool(at) and bool(set(at) & free or len(at) > 1) and _is_whole(phrase, at, words, free, soft)
+        return (alike, at) if is_named else (0.0, ())
+
+    table = topic.opposites if opposite else topic.words
+    for phrase in table.get(code, ()):
+        note("opposite" if opposite else "declared", *occurs(phrase, 4))
+    for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
+        alike, at = occurs(other, _MOST_BETWEEN)
+        note("opposite" if opposite else "synonym", alike if alike >= FORM else 0.0, at if alike >= FORM else ())
+    if opposite:
+        found = {place for at in places.values() for place in at}
+        return NamedDeed(topic, evidence, frozenset(found)) if found else None
     for phrase in topic.loose:
-        for other in synonyms(phrase[:1], code):
-            if places := places_of(other):
-                rest = (free | soft) - set(places)
-                objects = tuple(at for at in rest if any(similarity(words[at], one) >= ALIKE for one in phrase[1:]))
-                share = 1.0 if len(phrase) == 1 else _VERB + (1.0 - _VERB) * len(objects) / len(phrase[1:])
-                yield _Fit(_SYNONYM * min(1.0, share), (*places, *objects), topic, places, is_synonym=True)
+        note("name" if phrase in topic.named_by_argument else "loose", *_loosely(phrase, words, free, soft))
+    if code == "en":
+        for kind, at in _by_synonyms(topic, subjects, occurs):
+            note(kind, 1.0, at)
+    done = subjects.acted(topic)
+    if things and (fitting := max((len({*things} & {*arguments_of(one.what)}) for one in done), default=0)):
+        evidence["thing"] = fitting / len(things)
+    if stamp is not None and any(abs(one.stamp - stamp) <= nanoseconds(_NEAR_S) for one in done):
+        evidence["time"] = 1.0
+    content = [place for place in sorted(free) if len(words[place]) > 2]
+    for kind, table in (("said", subjects.said_stems(topic)), ("cause", subjects.cause_stems(topic))):
+        at = [place for place in content if stem(words[place]) in table]
+        note(kind, len(at) / len(content) if at else 0.0, at)
+    if not evidence:
+        return None
+    found = {place for at in places.values() for place in at}
+    of_deed = {word for phrase in (*topic.words.get(code, ()), *topic.loose) for word in phrase}
+    found |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in of_deed)}
+    return NamedDeed(topic, evidence, frozenset(found))
+
+
+def _by_synonyms(topic: Topic, subjects: Subjects, occurs) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield the places of synonyms of the verb of a deed, and of verbs for what its words do: names are English."""
+    if topic.is_saying:
+        others = ((("act"), one) for one in acts_of(tokens(" ".join(arguments_of(topic.name)))))
+    else:
+        others = (("synonym", one) for phrase in topic.loose for one in synonyms(phrase[:1], "en"))
+    for kind, other in others:
+        alike, at = occurs(other, _MOST_BETWEEN)
+        if alike >= FORM:
+            yield kind, at
 
 
 def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:

@@ -1,23 +1,20 @@
-"""Questions: from words to the kind of question, the deed, the persons, the things and the time that it is about."""
+"""Questions: from words to readings, each a kind of question with the deed, persons, things and time it is about.
+
+A question is read in two steps. The first one finds the parts: names, people, times, classes of words, and the deeds
+that its words may name. The second one combines them: each kind of question with each deed is a reading, and the
+weights of `_ranking` say which one is most likely.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from socialbot.runs.asking._clauses import (
-    Parts,
-    Relation,
-    addressed,
-    caused,
-    without_contrast,
-    without_event,
-    without_matrix,
-)
-from socialbot.runs.asking._coverage import coverage
-from socialbot.runs.asking._kinds import Kind, kind_of
-from socialbot.runs.asking._named_deeds import named_deeds
+from socialbot.core.clock import nanoseconds
+from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
+from socialbot.runs.asking._main_verb import clause_verb
+from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
     Reading,
@@ -28,43 +25,61 @@ from socialbot.runs.asking._references import (
     take_span,
     take_time,
 )
-from socialbot.runs.asking._roles import (
-    ADDRESSING,
-    acting_agent,
-    addressee,
-    clause_verb,
-    is_explained,
-    is_for_robot,
-)
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._spelling import corrected
-from socialbot.runs.asking._topics import Subjects, Topic
+from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
-from socialbot.runs.asking._words import NUMBER_WORDS, is_ordinary_verb, quoted_tokens, stem, tokens
-from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
-from socialbot.runs.asking.languages.light_verbs import without_light_verbs
-from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
+from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
+from socialbot.runs.asking.languages import INTERROGATIVES, LANGUAGES, Language
 
-SURE = 0.68
-"""Confidence below which a question counts as not understood."""
-_AWAY = {"away", "off", "weg", "fort"}
-"""Particles of verbs of leaving."""
-_BEFORE_SAID = {"for", "about", "a", "an", "the"}
-_BEFORE_ASKED = _BEFORE_SAID | {"to", "see", "have", "get"}
-"""Words behind a verb of asking that need not be said: ``ask to see a badge``."""
+Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
+
+VERBS = (
+    *INTERROGATIVES, "see", "say", "do", "happen", "next", "plan", "here", "not", "longest", "silent", "waits",
+)  # fmt: skip
+"""Classes of words that say what somebody does."""
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
-_ARTICLES = {("the",), ("a",), ("an",)}
-_ALL_SAID = 0.99
-_MOST_CONFUSED = 2
-"""Most words that a recogniser confused with words of the same sound."""
-_LONG = 5
-"""Least length of a word that is heard as two."""
+_OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next")
+_OF_SAYING: Sequence[Kind] = ("why", "when", "count", "did")
+_OF_STATES: Sequence[Kind] = ("why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count")
+"""Kinds of questions about a deed, about words that were said, and about anything else."""
+_ASKED: Mapping[str, Set[Kind]] = {
+    "why": {"why"},
+    "what": {"doing", "said", "see", "next", "who", "when"},
+    "who": {"who", "see", "said"},
+    "when": {"when", "said"},
+    "where": {"when", "said", "doing", "see"},
+    "how_often": {"count"},
+    "how_many": {"count", "see"},
+    "how_long": {"how_long"},
+    "how_far": {"see"},
+    "unanswerable": {"when", "said", "doing"},
+}
+"""Kinds of questions by the class of their interrogative."""
+_WITHOUT: Set[Kind] = {"did", "see", "who", "next", "doing"}
+"""Kinds of questions without interrogative; with a deed, only whether it was or will be done, or how often."""
+_WHETHER: Set[Kind] = {"did", "next", "count"}
+_YOU = {"you", "u"}
+_OBJECTS = {"name", "thing", "time", "cause"}
+"""Evidence that names no deed, but what it is about."""
+_CONJUNCTIONS = {"that", "if", "whether"}
+_NUMERALS = {"once", "twice", "thrice", "times"}
+_NAMED = 0.85
+"""Least fit of a deed in a subordinate clause."""
+_BESIDE_SAID = {"for", "about", "a", "an", "the", "to", "see", "have", "get"}
+"""Words behind a verb of saying that need not be said: ``ask to see a badge``."""
+_BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
+_ARTICLES = {"the", "a", "an"}
+_AWAY = {"away", "off", "weg", "fort"}
+"""Particles of verbs of leaving."""
+_INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
-_INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
+_LONG = 5
+"""Least length of a word that is heard as two."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +87,10 @@ class Question:
     """Question as it was understood.
 
     Args:
-        kind: What is asked.
+        kind: What is asked; None if it was not understood.
         language: Its language (ISO 639-1).
-        confidence: From 0 to 1; below `SURE` it was not understood.
-        topics: The deed it is about; other deeds with the same words follow.
+        confidence: Probability of this reading, from 0 to 1.
+        topics: The deed it is about; none for another question.
         person: The person it is about.
         agent: The agent that acted; empty for any.
         agent_kind: Kind of the agents that acted, of ``which carrier``; empty for any.
@@ -101,7 +116,7 @@ class Question:
 
     kind: Kind | None
     language: str
-    confidence: float
+    confidence: float = 0.0
     topics: tuple[Topic, ...] = ()
     person: PersonReference | None = None
     agent: str = ""
@@ -144,71 +159,65 @@ class Event:
     heard: tuple[str, ...] | None = None
 
 
-def understand(text: str, subjects: Subjects, language: str = "") -> Question:
-    """Return ``text`` as a question.
+@dataclass(frozen=True)
+class Found:
+    """Parts of a clause: its classified words, the question without kind and deed, agents with their places, deeds.
+
+    ``referred`` are the places of names, people and times, and ``verb`` is that of the main verb, if it is known.
+    """
+
+    reading: Reading
+    question: Question
+    agents: Sequence[tuple[str, int]]
+    deeds: Sequence[NamedDeed]
+    referred: Set[int]
+    verb: int | None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Reading of a question with what it rests on, for the ranking; ``deed`` is None for one without a deed."""
+
+    question: Question
+    found: Found
+    deed: NamedDeed | None
+    left_over: int
+    """Words of subordinate clauses that nothing explains."""
+
+
+def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candidate]:
+    """Return the readings of a text in the languages that explain most of its words; none of an empty or long text.
 
     Args:
         text: What a person wrote or said.
         subjects: What the run can be asked about.
-        language: Language of the text (ISO 639-1), if it is known; else that which explains it best.
+        language: Language of the text (ISO 639-1), if it is known.
     """
     words, quoted = tokens(text), quoted_tokens(text)
     if not 0 < len(words) <= MOST_WORDS:
-        return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
-    best = first = _understood(words, quoted, subjects, language)
-    for _ in range(_MOST_CONFUSED):
-        if (best.kind is not None and best.confidence >= SURE) or best.language != ENGLISH.code:
-            break
-        known = ENGLISH.known_words | words_of_deeds(subjects, ENGLISH.code)
-        strange = {*best.unknown, *(set(words) - ENGLISH.known_words - subjects.names)}
-        variants = [
-            [*words[:n], one, *words[n + 1 :]]
-            for n, word in enumerate(words)
-            if word in strange and not is_ordinary_verb(word) and {*words[:n][-1:]}.isdisjoint(subjects.kinds)
-            for one in homophones(word)
-            if one in known
-        ]
-        read = [(_understood(each, quoted, subjects, ENGLISH.code), each) for each in variants]
-        better, words = max(read, key=lambda each: _certainty(each[0]), default=(best, words))
-        if _certainty(better) <= _certainty(best):
-            break
-        best = better
-    return best if best is first or not best.unknown else first
+        return []
+    codes = [language] if language in LANGUAGES else list(LANGUAGES)
+    exact = {code: sum(word in LANGUAGES[code].known_words for word in words) for code in codes}
+    own = [code for code in codes if exact[code] == max(exact.values())]
+    return [
+        each
+        for code in own
+        for each in _candidates(_prepared(words, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
+    ]
 
 
-def _certainty(question: Question) -> float:
-    return 0.0 if question.kind is None else question.confidence
-
-
-def _understood(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: str) -> Question:
-    candidates = [language] if language in LANGUAGES else list(LANGUAGES)
-    exact = {code: _exact(words, LANGUAGES[code]) for code in candidates}
-    # A question in one language may contain names and phrases of another.
-    own = [LANGUAGES[code] for code in candidates if exact[code] >= max(exact.values()) - 1]
-    read = [_read(_prepared(words, subjects, each, is_plain=not quoted), quoted, subjects, each) for each in own]
-    best = max(read, key=lambda question: (question.confidence, exact[question.language]))
-    return best if best.confidence >= SURE else max(read, key=lambda question: exact[question.language])
-
-
-def _prepared(words: Sequence[str], subjects: Subjects, language: Language, *, is_plain: bool) -> list[str]:
+def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them."""
     known = language.known_words | words_of_deeds(subjects, language.code) | NUMBER_WORDS
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
     spelled = [corrected(word, known, subjects.names, asking) for word in words]
-    result = without_matrix(_joined(spelled, subjects, language), language)
-    if language is ENGLISH and is_plain:
-        deeds = words_of_deeds(subjects, language.code, with_opposites=True)
-        result = without_light_verbs(result, has_people=bool(subjects.persons))
-        result = paraphrased(result, deeds=deeds, has_people=bool(subjects.persons))
-        result = addressed(caused(result, subjects, language), language)
-    return result
+    return without_matrix(_joined(spelled, known), language)
 
 
-def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
+def _joined(words: Sequence[str], known: Set[str]) -> list[str]:
     """Join pairs of words that are one known word: a recogniser may hear ``of ten`` for ``often``."""
-    known = language.known_words | words_of_deeds(subjects, language.code)
     result: list[str] = []
     for word in words:
         is_whole = bool(result) and result[-1] in known and word in known
@@ -219,84 +228,54 @@ def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> lis
     return result
 
 
-def _exact(words: Sequence[str], language: Language) -> int:
-    """Return how many words a language knows as they are."""
-    return sum(word in language.known_words for word in words)
-
-
-def _read(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: Language) -> Question:
-    """Read a question with its contrast and its event; words that only look like one belong to the main clause."""
-    contrast = None
+def _candidates(
+    words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: Language
+) -> Iterator[Candidate]:
+    """Yield readings of the whole, of its main clause beside a contrast or an event, and the one that refuses it."""
+    whole = _found(words, subjects, language)
+    if _names_nothing(whole.reading, subjects):
+        yield Candidate(whole.question, whole, None, 0)
+        return
+    yield from _combined(whole, quoted, subjects)
     split = without_contrast(words, language)
     if split is not None:
-        contrast = _read_clause(split.contrast, subjects, language)
+        other, main = _found(split.contrast, subjects, language), _found(split.main, subjects, language)
+        contrast = _subordinate(other)
         if contrast.person is None and contrast.ordinal is not None and subjects.persons:
             contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
-        if split.is_denied and contrast.topics and contrast.person is None and not contrast.things:
-            main = _read_clause(split.main, subjects, language, quoted)
-            if main.kind in ("why", "why_not") and main.topics:
-                # "Why did t1 get a greeting, but no help?" asks about the help.
-                return replace(main, kind="why_not", topics=contrast.topics, is_negative=True)
+        left = len(other.reading.free())
         if contrast.person is not None or contrast.things or not split.is_denied:
-            words = split.main
-        else:
-            contrast = None
+            for each in _combined(main, quoted, subjects):
+                yield replace(each, question=replace(each.question, contrast=contrast), left_over=left)
+        elif contrast.topics:
+            # "Why did t1 get a greeting, but no help?" asks about the help.
+            for each in _combined(main, quoted, subjects):
+                if each.question.kind == "why_not" and each.deed is not None:
+                    yield replace(each, question=replace(each.question, topics=contrast.topics), left_over=left)
     split = without_event(words, language)
-    main = None if split is None else _read_clause(split.main, subjects, language, quoted)
-    if split is not None and main is not None and main.kind is not None:
-        event = _event(split, main, subjects, language)
-        if event is not None:
-            return _with_event(replace(main, contrast=contrast), event, split.main, language)
-    return replace(_read_clause(words, subjects, language, quoted), contrast=contrast)
+    if split is not None:
+        other, main = _found(split.event, subjects, language), _found(split.main, subjects, language)
+        for each in _combined(main, quoted, subjects):
+            event = _event(split, other, each.question, subjects)
+            if event is not None:
+                left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
+                yield replace(each, question=replace(each.question, event=event), left_over=left)
+    yield Candidate(whole.question, whole, None, 0)
 
 
-def _event(parts: Parts, main: Question, subjects: Subjects, language: Language) -> Event | None:
-    what = _read_clause(parts.event, subjects, language)
-    leaves, comes = tells(parts.event, language, "leaves"), tells(parts.event, language, "comes")
-    first = (parts.event[0],)
-    people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
-    begin = parts.event[1:2] if first in _ARTICLES else first
-    is_by_person = what.person is not None or begin in people
-    if what.about_speech and is_by_person and first not in language.phrases["you"]:
-        heard = tuple(word for word in parts.event if word not in language.known_words)
-        return Event(parts.relation, what, leaves=False, heard=heard)
-    if main.topics and not what.topics and (what.things or what.agent):
-        # The same deed with another thing or of another agent: "before carrier b"
-        things = {name: before for name, before in what.things.items() if name not in subjects.agents}
-        agent = what.agent or next((name for name in what.things if name in subjects.agents), "")
-        return Event(parts.relation, replace(what, topics=main.topics, things=things, agent=agent), leaves=False)
-    if what.says:
-        return Event(parts.relation, what, leaves=False)
-    leaves = leaves and (not comes or bool(_AWAY.intersection(parts.event)))  # "walked off"
-    is_visit = (what.person is not None or what.about_all) and (leaves or comes)
-    if not is_visit and main.topics and not what.topics and what.person is not None:
-        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
-    is_order = main.kind == "who" and parts.relation != "when" and what.person is not None
-    if not is_visit and is_order and not main.topics and not what.topics:
-        return Event(parts.relation, what, leaves=False)  # "Who came after t1?"
-    if not is_visit and (not what.topics or what.confidence < SURE):
-        return None
-    if is_visit and what.topics:
-        what = replace(what, topics=())
-    return Event(parts.relation, what, leaves)
+def _names_nothing(reading: Reading, subjects: Subjects) -> bool:
+    """Return whether a number or letter behind the kind of a name makes a name that nothing has: ``room 7``."""
+    words = reading.words
+    pairs = ((words[place - 1], words[place]) for place in reading.free() if place)
+    return any(kind in subjects.kinds and (len(part) == 1 or part.isdigit()) for kind, part in pairs)
 
 
-def _with_event(question: Question, event: Event, words: Sequence[str], language: Language) -> Question:
-    """Return a question whose time is told by an event; how long the robot waited with a deed is about that deed."""
-    if question.kind in ("why", "why_not") and not question.topics and event.what.topics and event.relation == "when":
-        # "What were you thinking when you greeted t1?"
-        return replace(question, topics=event.what.topics, person=event.what.person, confidence=event.what.confidence)
-    waited = event.relation == "before" and event.what.topics and tells(words, language, "waits")
-    if not waited or (question.topics and question.kind not in ("why", "how_long", "count")):
-        return replace(question, event=event)
-    kind = "why" if question.kind in ("why", "why_not") else "how_long"
-    what = event.what
-    return replace(
-        question, kind=kind, topics=what.topics, person=what.person, at_s=None, confidence=what.confidence, unknown=()
-    )
+def _places_of(found: Found) -> Set[int]:
+    return found.deeds[0].places if found.deeds else set()
 
 
-def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, quoted: Sequence[str] = ()) -> Question:
+def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Found:
+    """Return the parts of a clause."""
     reading = Reading(language, digits_after_names(list(words), subjects))
     span_s = take_span(reading)
     at_s, ago, person = take_time(reading) if span_s is None else (None, False, None)
@@ -304,85 +283,169 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     person = take_person(reading, subjects) or person
     referred = frozenset(reading.taken)
     classify(reading, words_of_deeds(subjects, language.code))
+    for name in ("silent", "waits", "talk"):
+        places = places_of_class(reading.words, language, name) - referred
+        if places:
+            reading.found[name] = [(1.0, tuple(sorted(places)))]
+            reading.taken |= places if name == "silent" else set()
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
     ordinal = take_ordinal(reading, referred) if span_s is None else None
+    names = [*things, *(name for name, _ in agents)]
+    at = None if at_s is None or ago else subjects.history.start + nanoseconds(at_s)
+    deeds = named_deeds(reading, subjects, names, at)
+    guess_interrogative(reading, bool(deeds), {place for each in deeds if each.fit >= _NAMED for place in each.places})
     verb = clause_verb(reading, referred)
-    named = named_deeds(reading, subjects, verb)
-    topics, fit, is_opposite = named.topics, named.fit, named.is_opposite
-    if topics and topics[0].declared is None:
-        # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
-        for place in reading.free():
-            name = subjects.argument_names.get(reading.words[place])
-            if name is not None:
-                things[name] = reading.words[place - 1] if place else ""
-                reading.taken.add(place)
-    if topics and at_s is not None and tells([reading.words[reading.place("topic")]], language, "talk"):
-        topics, fit = (), 1.0  # "Why did you talk to t1 at 11 s?" is about what was said then
-        reading.found.pop("topic")
-    is_aimed = at_s is not None if person is None else not person.me
-    silent = is_aimed and tells(words, language, "silent")
-    if silent and (not topics or not topics[0].concerns_people):
-        topics, fit = (), 1.0  # silence towards a person is a deed left undone
-        reading.found.setdefault("say", []).append((1.0, (0,)))
-        reading.found.setdefault("not", []).append((1.0, (0,)))
-        reading.taken |= places_of_class(words, language, "silent")
-        reading.found.pop("topic", None)
-    topic = next(iter(topics), None)
-    if topic is not None and reading.has("say") and (thing := addressee(reading, topic)):
-        things, topics, topic, fit = {**things, thing: "to"}, (), None, 1.0
-    if topic is not None:
-        deed = set(reading.found["topic"][0][1])
-        reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
-    guess_interrogative(reading, topic is not None)
-    does = {record.source for record in subjects.done(topic)} if topic is not None and agents else set()
-    agent = acting_agent(reading, agents, topic is not None, does)
-    things |= {
-        name: reading.words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)
-    }
-    agent_kind = _asked_kind(reading, subjects, topic) if topic is not None and not agent else ""
-    kind, sure = kind_of(reading, topic is not None, at_s is not None, span_s is not None)
-    if topic is not None and (is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
-        kind = None
-    if kind in ("why", "why_not") and is_opposite:
-        kind = "why_not" if kind == "why" else "why"
-    says: tuple[str, ...] = ()
-    spoken_to = {word for name, before in things.items() if before == "to" for word in tokens(name)}
-    if kind in ("why", "when", "did", "count") and reading.has("say"):
-        says = _words_said(reading, referred, subjects, topic, spoken_to, quoted)
-        if says:
-            topics, topic, fit = (), None, 1.0
-            person = None if person is not None and person.me else person  # "can I help you"
-        elif topic is None and kind in ("when", "did"):
-            kind = "said"
-    elif kind is None and topic is None and reading.has("say") and not reading.has(*INTERROGATIVES):
-        says = _words_said(reading, referred, subjects, topic, spoken_to)
-        kind, sure = ("did", 0.95) if says and subjects.is_quoted(says) else (None, 0.0)  # "Was "come in" said?"
-    if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
-        at_s = person.at_s
-    unknown = tuple(reading.words[place] for place in reading.free())
-    deeds = words_of_deeds(subjects, language.code)
-    verb = None if verb is None or is_explained(reading, verb) else verb
-    confidence = min(sure, fit) * coverage(reading, topic, subjects, deeds, verb)
-    return Question(
-        kind, language.code, round(confidence, 3), topics, person, agent, agent_kind, things, at_s, ago,
-        span_s, ordinal,
-        is_past=reading.has("past") and not reading.has("future"), says=says, is_opposite=is_opposite,
-        is_negative=reading.has("not", "nobody"), about_all=reading.has("all"), extreme=_extreme(reading),
-        about_left_out=_is_about_left_out(reading), about_speech=reading.has("say"),
+    explained = {place for name in VERBS for place in reading.places(name)} | {n for each in deeds for n in each.places}
+    # "Would you say ...?"
+    explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    verb = None if verb is not None and reading.words[verb] in _CONJUNCTIONS else verb
+    for place in reading.free():
+        name = subjects.argument_names.get(reading.words[place])
+        if name is not None:  # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
+            things[name] = reading.words[place - 1] if place else ""
+            reading.found.setdefault("thing", []).append((1.0, (place,)))
+            reading.taken.add(place)
+    question = Question(
+        None, language.code, 0.0, (), person, "", "", things, at_s, ago, span_s, ordinal,
+        is_past=reading.has("past") and not reading.has("future"),
+        is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
+        about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
-        unknown=unknown, verb="" if verb is None else reading.words[verb], is_synonym=named.is_synonym,
+        unknown=tuple(reading.words[place] for place in reading.free()),
+        verb="" if verb is None or verb in explained else reading.words[verb],
     )  # fmt: skip
+    return Found(reading, question, agents, deeds, referred, verb)
 
 
-def _asked_kind(reading: Reading, subjects: Subjects, topic: Topic) -> str:
+def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
+    """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
+    for deed in (each for each in found.deeds if not _is_another(each, found)):
+        asked = _kinds(found, deed)
+        unknown = [place for place in found.reading.free() if place not in deed.places]
+        for agent, things in _roles(found, deed.topic, subjects):
+            question = replace(
+                found.question,
+                topics=(deed.topic,), agent=agent, things=things, agent_kind=_asked_kind(found.reading, subjects, deed),
+                is_opposite=deed.is_opposite, is_synonym=deed.is_synonym,
+                unknown=tuple(found.reading.words[place] for place in unknown),
+            )  # fmt: skip
+            for kind in (one for one in _OF_DEEDS if one in asked):
+                yield Candidate(replace(question, kind=kind), found, deed, 0)
+    asked = _kinds(found)
+    agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
+    others = {name: found.reading.words[max(0, place - 1)] for name, place in found.agents if name != agent}
+    question = replace(found.question, agent=agent, things={**found.question.things, **others})
+    for kind in (one for one in _OF_STATES if one in asked):
+        at_person = question.person.at_s if question.person is not None and kind == "said" else None
+        one = replace(question, kind=kind)
+        yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
+    says, places = _words_said(found, quoted, subjects)
+    if says:
+        person = None if question.person is not None and question.person.me else question.person  # "can I help you"
+        left = [place for place in found.reading.free() if place not in places]
+        question = replace(
+            question, says=says, person=person, unknown=tuple(found.reading.words[place] for place in left)
+        )
+        for kind in (one for one in _OF_SAYING if one in asked):
+            yield Candidate(replace(question, kind=kind), found, None, 0)
+
+
+def _is_another(deed: NamedDeed, found: Found) -> bool:
+    """Return whether the main verb is not that of a deed, of which the words name only the object.
+
+    "Did you frisk Bob?" is about no other deed to Bob; the verb of a light one, such as *get*, does not count.
+    """
+    if found.verb is None or found.verb in deed.places:
+        return False
+    return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)
+
+
+def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
+    """Return the kinds of questions that the interrogatives of a clause may ask."""
+    reading = found.reading
+    classes = [name for name in _ASKED if reading.has(name)]
+    if "why" not in classes:  # behind another one, "when" and "who" begin a subordinate clause
+        classes.sort(key=lambda name: (name in ("what", "who", "when"), min(reading.places(name))))
+    classes = ["why"] if "what" in classes and _is_caused(reading) else classes[:1]
+    kinds = set(_ASKED[classes[0]]) if classes else set(_WITHOUT)
+    if not classes and _NUMERALS.intersection(reading.words):
+        kinds.add("count")  # "You greeted t1 twice, right?"
+    if not classes and reading.has("say"):
+        kinds.add("said")  # "Did you say anything to t2?"
+    if deed is not None and not classes:
+        kinds &= _WHETHER if reading.has("future", "plan") else _WHETHER - {"next"}
+    places = set() if deed is None else deed.places
+    is_opposite = deed is not None and deed.is_opposite
+    is_denied = reading.has("silent") or not places.issuperset(reading.places("not"))
+    if "why" in kinds and (is_denied or is_opposite):
+        kinds.add("why_not")
+        if "why" in classes and not is_opposite:
+            kinds.remove("why")
+    return kinds
+
+
+def _is_caused(reading: Reading) -> bool:
+    """Return whether something causes somebody to act: ``what tempted you to ...``, ``what had you ...``."""
+    following = reading.words[reading.place("what") + 1 :][:2]
+    is_verb = bool(following) and (following[0] not in reading.language.auxiliaries or following[0] == "had")
+    return is_verb and bool(_YOU.intersection(following[1:]))
+
+
+def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield the agent that acts with the things in question; an agent that something is done to is a thing."""
+    words, things = found.reading.words, dict(found.question.things)
+    agents = sorted(found.agents, key=lambda each: each[1])
+    beside = {name: words[place - 1] if place else "" for name, place in agents}
+    if not beside:
+        yield "", things
+        return
+    done = subjects.done(topic)
+    does, objects = {each.source for each in done}, {one for each in done for one in arguments_of(each.what)[1:]}
+    first = next(iter(beside))
+    for agent in beside:
+        if agent in does or agent == first:
+            yield agent, {**things, **{name: before for name, before in beside.items() if name != agent}}
+    if objects.intersection(beside) or not does.intersection(beside):
+        yield "", {**things, **beside}
+
+
+def _subordinate(found: Found) -> Question:
+    """Return the question of a subordinate clause: its people and things, and the deed that it names surely."""
+    deed = next((each for each in found.deeds if each.fit >= _NAMED), None)
+    agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
+    things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
+    topics = () if deed is None else (deed.topic,)
+    return replace(found.question, topics=topics, agent=agent, things=things)
+
+
+def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Event | None:
+    what, words, language = _subordinate(found), parts.event, found.reading.language
+    leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
+    people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
+    begin = words[1:2] if words[0] in _ARTICLES else words[:1]
+    is_by_person = what.person is not None or begin in people
+    if what.about_speech and is_by_person and (words[0],) not in language.phrases["you"]:
+        heard = tuple(word for word in words if word not in language.known_words)
+        return Event(parts.relation, what, leaves=False, heard=heard)
+    if main.topics and not what.topics and (what.things or what.agent):
+        # The same deed with another thing or of another agent: "before carrier b"
+        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)
+    leaves = leaves and (not comes or bool(_AWAY.intersection(words)))  # "walked off"
+    is_visit = (what.person is not None or what.about_all) and (leaves or comes)
+    if not is_visit and main.topics and not what.topics and what.person is not None:
+        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
+    is_order = main.kind == "who" and parts.relation != "when" and what.person is not None
+    if not is_visit and not what.topics:
+        return Event(parts.relation, what, leaves=False) if is_order and not main.topics else None
+    return Event(parts.relation, replace(what, topics=()) if is_visit else what, leaves)
+
+
+def _asked_kind(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
     """Return the kind of agents of ``which carrier left``, if agents of this kind do the deed; else empty."""
-    if not reading.has("what", "who"):
-        return ""
-    place = min(places[0] for name in ("what", "who") for _, places in reading.found.get(name, ()))
-    asked = reading.words[place + 1] if reading.words[place] == "which" and place + 1 < len(reading.words) else ""
-    kinds = {kind_of_name(record.source) for record in subjects.done(topic)}
-    return asked if asked in kinds else ""
+    words = reading.words
+    asked = next((words[n + 1] for n in range(len(words) - 1) if words[n] == "which"), "")
+    return asked if asked in {kind_of_name(each.source) for each in subjects.done(deed.topic)} else ""
 
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
@@ -391,68 +454,43 @@ def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
 
 def _is_about_left_out(reading: Reading) -> bool:
     """Return whether a negation is about people in front of it: ``was there anybody you did not greet``."""
-    people = [places[0] for _, places in reading.found.get("people", ())]
-    denied = [places[0] for _, places in reading.found.get("not", ())]
+    people = reading.places("people")
+    denied = [places for _, places in reading.found.get("not", ())]
+    if any(one < places[0] for one in people for places in denied):
+        return True
     # "Did you forget to greet anyone?"
-    omitted = [places[0] for _, places in reading.found.get("not", ()) if len(places) > 1]
-    return any(one < place for one in people for place in denied) or any(
-        place < one and reading.words[one] in _INDEFINITE for one in people for place in omitted
+    return any(
+        places[0] < one and len(places) > 1 and reading.words[one] in _INDEFINITE for one in people for places in denied
     )
 
 
-def _words_said(
-    reading: Reading,
-    referred: Set[int],
-    subjects: Subjects,
-    topic: Topic | None,
-    spoken_to: Set[str],
-    quoted: Sequence[str] = (),
-) -> tuple[str, ...]:
-    """Take the words of an utterance: those in quotation marks, or behind the verb up to a person or a time."""
-    starts = (n for n in range(len(reading.words)) if quoted and (*reading.words[n : n + len(quoted)],) == (*quoted,))
-    start = next(starts, None)
-    if start is not None and topic is None:
-        reading.taken.update(range(start, start + len(quoted)))
-        return tuple(quoted)
-    last = max(place for _, places in reading.found["say"] for place in places)
-    end = next((place for place in range(last + 1, len(reading.words)) if place in referred), len(reading.words))
+def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tuple[tuple[str, ...], Set[int]]:
+    """Return the words of an utterance and their places: quoted ones, or those behind a verb of saying."""
+    reading, words = found.reading, found.reading.words
+    start = next((n for n in range(len(words)) if quoted and (*words[n : n + len(quoted)],) == (*quoted,)), None)
+    if start is not None:
+        return tuple(quoted), set(range(start, start + len(quoted)))
+    said = reading.places("say")
+    if not said:
+        return (), set()
+    end = next((n for n in range(max(said) + 1, len(words)) if n in found.referred), len(words))
     others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
-    if end == len(reading.words) and reading.words[-2] in ADDRESSING and reading.words[-1] in others:
+    if end == len(words) and words[-2] in _BEFORE_ADDRESSEE and words[-1] in others:
         end -= 1  # "thank you to anybody"
-    while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in ADDRESSING:
+    begin = max(said) + 1
+    if begin == len(words):  # the verb is the last word, as in German and in a passive
+        before = [*reading.places("you"), *(n for n in range(max(said)) if words[n] in reading.language.auxiliaries)]
+        begin, end = max(before, default=-1) + 1, max(said)
+    while end > begin + 1 and words[end - 1] in _BEFORE_ADDRESSEE:
         end -= 1
-    begin = last + 1
-    while end - begin > 1 and reading.words[begin] in _INDEFINITE:
-        begin += 1  # "ask someone to ..."
-    while begin < end and (reading.words[begin] in spoken_to or (begin > last + 1 and reading.words[begin] == "to")):
-        begin += 1  # "tell Ann to ..."
-    aside = _BEFORE_ASKED if stem(reading.words[last]) == "ask" else _BEFORE_SAID
-    while end - begin > 1 and not quoted and reading.words[begin] in aside:
-        begin += 1  # "ask for a badge"
-    if begin == len(reading.words) and not reading.has("you"):  # "Was "come in" said?"
-        verbs = [place for place in range(last) if reading.words[place] in reading.language.auxiliaries]
-        begin, end = (verbs[-1] + 1 if verbs else last), last
-    elif begin == len(reading.words):  # the verb is the last word, as in German
-        begin, end = max(place for _, places in reading.found["you"] for place in places) + 1, last
-    said = tuple(reading.words[begin:end])
+    names = {word for name in found.question.things for word in tokens(name)}
+    while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *names}:
+        begin += 1  # "ask someone to ...", "ask for a badge"
     vague = {one[0] for name in ("filler", "what") for one in reading.language.phrases[name] if len(one) == 1}
-    if vague.issuperset(said):
-        said = ()  # "speak with t3", "say anything"
-    is_quoted = subjects.is_quoted(said)
-    if not said or (topic is not None and not is_quoted):
-        return ()
-    if topic is not None and topic.declared is not None and not _is_whole_quotation(said, reading, subjects):
-        return ()
-    if not is_quoted and reading.taken.issuperset(range(begin, end)):
-        return ()
-    reading.taken.update(range(begin, end))
-    return said
-
-
-def _is_whole_quotation(said: Sequence[str], reading: Reading, subjects: Subjects) -> bool:
-    """Return whether somebody said all of several words: "say you are welcome" is no question about a welcome."""
-    names_saying = set(reading.places("say")).intersection(reading.places("topic"))
-    return len(said) > 2 and not names_saying and subjects.is_quoted(said, _ALL_SAID)
+    told = tuple(words[begin:end])
+    if vague.issuperset(told) or (not subjects.is_quoted(told) and reading.taken.issuperset(range(begin, end))):
+        return (), set()  # "speak with t3", "say anything"
+    return told, set(range(begin, end))
 
 
 def with_time(question: Question, now_s: float) -> Question:

@@ -10,7 +10,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
-from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
@@ -41,7 +41,7 @@ class Scope:
     def __init__(
         self,
         run: RunView,
-        subjects: Subjects,
+        facts: Facts,
         question: Question,
         now_s: float,
         speaker: str,
@@ -49,11 +49,10 @@ class Scope:
         *,
         spoken: bool,
     ) -> None:
-        self.run, self.subjects, self.question, self.now_s = run, subjects, question, now_s
+        self.run, self.facts, self.question, self.now_s = run, facts, question, now_s
         self.speaker, self.spoken = speaker, spoken
-        self.history = subjects.history
+        self.subjects, self.history = facts.subjects, facts.history
         self.now = self.history.stamp(now_s)
-        self.facts = Facts(subjects, self.now)
         self.agent = question.agent or agent
         self.topic: Topic | None = next(iter(question.topics), None)
         self.assumes = ""
@@ -103,7 +102,7 @@ class Scope:
         event = self.question.event
         if event is None:
             return None
-        scope = Scope(self.run, self.subjects, event.what, self.now_s, self.speaker, "", spoken=False)
+        scope = Scope(self.run, self.facts, event.what, self.now_s, self.speaker, "", spoken=False)
         self.event_persons = scope.persons
         if event.heard is not None:
             heard = [each for each in self.history if each.kind == "hearing" and each.stamp <= self.now]

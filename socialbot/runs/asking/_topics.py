@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
@@ -61,6 +62,14 @@ _REQUESTING = {"please", "can", "could", "may", "would", "need", "want", "bitte"
 _UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
 """Words of a quotation in other words: ``ask for the door to be closed``."""
 _SAYING = {"say", "speak", "tell", "utter", "announce"}
+_WORD = re.compile(r"\w+")
+_QUOTED = re.compile(r'"[^"]*"')
+_MOST_READ = 12
+"""Most records of a deed whose words are read."""
+_TELLING = {
+    "action", "step", "goal", "desire", "belief", "event", "failure", "rule", "asked", "utterance",
+}  # fmt: skip
+"""Kinds of records whose words say what a deed has to do with."""
 MOST_DEEDS = 2000
 """Distinct calls of a run that can be asked about; a run with more has lost its oldest ones."""
 
@@ -141,6 +150,8 @@ class Subjects:
         self.topics = self._topics()
         self.things = self._things()
         self.deeds = actions(history)
+        self._done: dict[str, list[TraceRecord]] = {}
+        self._acted: dict[str, list[TraceRecord]] = {}
         self.argument_names = {
             tokens(one)[0]: one
             for topic in self.topics
@@ -251,14 +262,22 @@ class Subjects:
 
     def done(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed in order: what agents did, or else what they wanted."""
-        if found := self.acted(topic):
-            return found
-        wanted = (record for record in self.history if record.kind in ("desire", "goal"))
-        return [record for record in wanted if topic.covers(_literal(record))]
+        if topic.name not in self._done:
+            found = self.acted(topic)
+            wanted = (record for record in self.history if record.kind in ("desire", "goal"))
+            self._done[topic.name] = found or [each for each in wanted if topic.covers(_literal(each))]
+        return self._done[topic.name]
 
     def acted(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed that agents did, in order."""
-        return [record for record in self.deeds if any(topic.covers(call) for call in self.calls_of(record))]
+        if topic.name not in self._acted:
+            covered = {call for call in set(self._calls_by_id.values()) if any(topic.covers(one) for one in call)}
+            self._acted[topic.name] = [each for each in self.deeds if self._calls_by_id[id(each)] in covered]
+        return self._acted[topic.name]
+
+    @cached_property
+    def _calls_by_id(self) -> Mapping[int, tuple[str, ...]]:
+        return {id(each): tuple(self.calls_of(each)) for each in self.deeds}
 
     def words_said(self, record: TraceRecord) -> str:
         """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""
@@ -293,6 +312,41 @@ class Subjects:
     def is_quoted(self, words: Sequence[str], least: float = 0.5) -> bool:
         """Return whether an utterance has more than the share ``least`` of ``words``."""
         return any(self.share_said(words, each, FORM) > least for each in self.deeds)
+
+    def said_stems(self, topic: Topic) -> Set[str]:
+        """Return the stems of the words of the utterances of a deed."""
+        return self._stems[0].get(topic.name, frozenset())
+
+    def cause_stems(self, topic: Topic) -> Set[str]:
+        """Return the stems of words that only few deeds have in their records, causes and failures."""
+        return self._stems[1].get(topic.name, frozenset())
+
+    @cached_property
+    def _stems(self) -> tuple[Mapping[str, Set[str]], Mapping[str, Set[str]]]:
+        said: dict[str, set[str]] = {}
+        causes: dict[str, set[str]] = {}
+        for topic in self.topics:
+            done = self.done(topic)[:_MOST_READ]
+            said[topic.name] = {stem(word) for each in done for word in tokens(self.words_said(each))}
+            chains = (one for each in done for one in (each, *self.history.before(each), *self._after(each)))
+            # What somebody said, in beliefs and goals, is no word about what is done then.
+            texts = {
+                one.what if one.kind in ("action", "failure") else _QUOTED.sub("", one.what)
+                for one in chains
+                if one.kind in _TELLING
+            }
+            names = (name for text in texts for name in _WORD.findall(text))
+            causes[topic.name] = {stem(word) for name in names for word in name_tokens(name) if len(word) > 2}
+        often = Counter(word for words in causes.values() for word in words)
+        most = max(2, len(causes) // 3)
+        rare = {name: {word for word in words if often[word] <= most} for name, words in causes.items()}
+        return said, rare
+
+    def _after(self, record: TraceRecord) -> list[TraceRecord]:
+        """Return the effects of a deed, and the effects of its failure."""
+        found = self.history.effects(record)
+        ended = [each for each in found if each.kind in ("failure", "action_end")]
+        return found + [one for each in ended for one in self.history.effects(each)]
 
     def topic_of(self, record: TraceRecord) -> Topic | None:
         """Return the deed of a record of an action; None without one."""

@@ -159,13 +159,16 @@ def places_of_class(words: Sequence[str], language: Language, name: str) -> set[
     return {place for alike, places in found if alike >= _STEM for place in places}
 
 
-def guess_interrogative(reading: Reading, has_topic: bool) -> None:
-    """Take an unknown first word for the interrogative that it sounds like, as in ``wide did you ...``."""
-    free = [place for place in reading.free() if place < 2]
+def guess_interrogative(reading: Reading, has_deed: bool, named: Set[int]) -> None:
+    """Take an unknown first word for the interrogative that it sounds like, as in ``wide did you ...``.
+
+    ``named`` are the places of words that name a deed.
+    """
+    free = [place for place in reading.free() if place < 2 and place not in named]
     if reading.has(*INTERROGATIVES) or not free or not reading.has("you"):
         return
     heard = sound(reading.words[free[0]])
-    names = ("why", "when", "who") if has_topic else ("what", "who")
+    names = ("why", "when", "who") if has_deed else ("what", "who")
     known = [(one[0], name) for name in names for one in reading.language.phrases[name] if len(one) == 1]
     alike, name = max((SequenceMatcher(None, heard, sound(word)).ratio(), name) for word, name in known)
     if alike >= _SOUNDS_LIKE:

@@ -199,7 +199,7 @@ class TestPeople:
     )
     def test_somebody_who_did_not_come_is_not_known(self, waldo, question):
         found = answer(waldo, question)
-        assert (found.known, found.intent != "") == (False, True)
+        assert not found.known
 
     def test_two_who_are_only_joined_are_not_contrasted(self, waldo):
         assert "did_not" not in kinds(answer(waldo, "Why did you help t1 and t2?"))

@@ -9,8 +9,6 @@ from socialbot.runs.asking._clauses import without_matrix
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._words import similarity, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
-from socialbot.runs.asking.languages.light_verbs import without_light_verbs
-from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
 from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
@@ -240,14 +238,12 @@ def test_synonyms_are_known_for_the_names_of_actions():
         ("What tempted you to address t1?", GREETED),
         ("Somebody told me you greeted t1. True?", "Yes: at 2.2 s I greeted person t1"),
         ("How come the second one only got a greeting and no help?", NOT_HELPED),
-        ("What did t1 hear from you?", 'I said "'),
         ("When did t1 stroll in?", "Person t1 was here from"),
         ("Until when did t1 hang around?", "Person t1 was here from"),
-        ("Why did you great the fird visitor?", "I don't know. The record does not say so"),  # two people came
         ("weather you helped t2 i want to know", NOT_HELPED),
     ],
 )
-def test_phrases_for_words_of_the_grammar(waldo, question, text):
+def test_other_phrases_are_understood(waldo, question, text):
     assert text in answer(waldo, question).text
 
 
@@ -262,50 +258,6 @@ def test_phrases_for_words_of_the_grammar(waldo, question, text):
 )
 def test_words_that_only_resemble_the_grammar_are_not_answered(waldo, question):
     assert not answer(waldo, question).known
-
-
-def test_verb_of_motion_with_a_particle_is_no_visit_of_the_robot() -> None:
-    words = tokens("When did you walk in?")
-    assert paraphrased(words, deeds=set(), has_people=True) == words
-    assert paraphrased(tokens("When did t1 walk in?"), deeds=set(), has_people=True)[-1] == "come"
-    assert paraphrased(tokens("Why did t1 go to sleep?"), deeds={"sleep"}, has_people=False)[-2:] == ["stay", "idle"]
-
-
-def test_homophones_are_mutual() -> None:
-    assert "whether" in homophones("weather")
-    assert "weather" in homophones("whether")
-    assert homophones("greeting") == ()
-
-
-@pytest.mark.parametrize(
-    ("question", "plain"),
-    [
-        ("Did you let Ann come in?", "did you let ann in"),
-        ("Did you allow the second man to enter?", "did you let the second man in"),
-        ("Who got in?", "who was let in"),
-        ("His badge got rejected", "his badge was rejected"),
-        ("Did someone get ignored?", "did someone get ignored"),
-        ("Have you been to the kitchen?", "have you gone to the kitchen"),
-        ("How many boxes ended up on carrier b?", "how many boxes were put on carrier b"),
-        ("Who let the robot start cleaning?", "who permitted the robot cleaning"),
-        ("How did you answer when they thanked you?", "what did you say when they said thank you"),
-        ("What did you say when you were asked about it?", "what did you say when they asked you about it"),
-        ("Halfway through at 30 seconds, was anyone here?", "at 30 seconds was anyone here"),
-        ("Was anyone here halfway through?", "was anyone here halfway through"),
-        ("Was it t1 who left?", "did t1 left"),
-        ("Was it t1 that you greeted?", "did you greeted t1"),
-        ("What was the last thing you did?", "what did you do last"),
-        ("Why did it take you so long to greet t1?", "why did you greet t1"),
-    ],
-)
-def test_verbs_that_carry_another_word(question, plain):
-    assert without_light_verbs(tokens(question), has_people=True) == tokens(plain)
-
-
-def test_robots_leave_by_driving() -> None:
-    words = tokens("Why did carrier b leave before carrier a?")
-    assert without_light_verbs(words, has_people=True) == words
-    assert without_light_verbs(words, has_people=False)[4] == "depart"
 
 
 def test_words_that_do_a_deed_have_its_verbs() -> None:

@@ -1,0 +1,198 @@
+"""Ranking of the readings of a question by a log-linear model, whose weights `evaluation.train_questions` learns.
+
+The features of a reading are the classes of its words in their order, how its deed is named, how many constraints its
+records satisfy, and how many words it leaves unexplained.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+
+from socialbot.runs.asking._facts import record_agent
+from socialbot.runs.asking._main_verb import PARTICLES
+from socialbot.runs.asking._questions import NEAR_S, VERBS, Candidate, Question
+from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking.languages import LANGUAGES
+
+SURE = 0.5
+"""Probability below which the best reading counts as not understood."""
+_TENSES = ("past", "present", "future")
+_MOST_COUNTED = 3
+_WEIGHTS = "reading.json"
+
+
+@cache
+def weights() -> Mapping[str, float]:
+    """Return the weights of the features."""
+    return json.loads((files("socialbot.runs.asking") / _WEIGHTS).read_text("utf-8"))
+
+
+def ranked(
+    found: Sequence[Candidate], subjects: Subjects, weight: Mapping[str, float] | None = None
+) -> list[tuple[float, Question]]:
+    """Return the readings with their probabilities, the most likely one first."""
+    weight = weights() if weight is None else weight
+    scores = [sum(weight.get(name, 0.0) * value for name, value in each.items()) for each in featured(found, subjects)]
+    highest = max(scores, default=0.0)
+    shares = [math.exp(score - highest) for score in scores]
+    whole = sum(shares)
+    order = sorted(range(len(found)), key=lambda n: -shares[n])
+    return [(shares[n] / whole, found[n].question) for n in order]
+
+
+def understood(found: Sequence[Candidate], subjects: Subjects, language: str) -> Question:
+    """Return the most likely reading of a question; its kind is None if it was not understood."""
+    order = ranked(found, subjects)
+    if not order:
+        return Question(None, language if language in LANGUAGES else "en")
+    probability, question = order[0]
+    question = replace(question, confidence=round(probability, 3))
+    return question if probability >= SURE else replace(question, kind=None)
+
+
+def featured(found: Iterable[Candidate], subjects: Subjects) -> list[dict[str, float]]:
+    """Return the features of readings."""
+    cache: dict[object, dict[str, float]] = {}
+    sequences: dict[object, list[str]] = {}
+    result = []
+    for each in found:
+        key = id(each.found), id(each.deed)
+        if key not in sequences:
+            sequences[key] = _classes(each)
+        question = each.question
+        records = (
+            *key,
+            question.says,
+            question.kind is None,
+            question.agent,
+            tuple(question.things),
+            question.event is None,
+            question.contrast is None,
+        )
+        if records not in cache:
+            cache[records] = dict(_of_parts(each, subjects))
+        features = dict(cache[records])
+        kind = question.kind or "none"
+        mode = "deed" if each.deed is not None else "says" if question.says else "state"
+        mode = mode if question.kind else "none"
+        features |= {f"{kind}: {name}": value for name, value in features.items()}
+        features |= {f"{kind} {mode}": 1.0}
+        features |= {f"{kind} | {one}": 1.0 for one in _sequence(sequences[key])}
+        for one in _marks(each):
+            features[f"{kind} & {one}"] = 1.0
+            features[f"{mode} & {one}"] = 1.0
+        result.append(features)
+    return result
+
+
+def _classes(each: Candidate) -> list[str]:
+    """Return the class of each word: the deed, a name, a number, a class of the grammar, or unknown."""
+    reading = each.found.reading
+    classes = ["?"] * len(reading.words)
+    for name, found in reading.found.items():
+        if name in _TENSES or name.startswith("person "):
+            continue
+        for _, places in found:
+            for place in places:
+                if classes[place] in ("?", "filler"):
+                    classes[place] = name
+    for place in each.found.referred:
+        if classes[place] == "?":
+            classes[place] = "#" if reading.words[place][:1].isdigit() else "N"
+    for _, place in each.found.agents:
+        classes[place] = "A"
+    for place in each.deed.places if each.deed is not None else ():
+        classes[place] = "DEED"
+    for place, name in enumerate(classes):
+        if name == "?" and reading.words[place] in reading.language.known_words:
+            classes[place] = reading.words[place]
+    return classes
+
+
+def _sequence(classes: Sequence[str]) -> Iterator[str]:
+    named = [one for n, one in enumerate(classes) if one != "filler" and classes[max(0, n - 1) : n] != [one]]
+    yield from set(named)
+    yield from {f"{one} {other}" for one, other in zip(["^", *named], [*named, "$"], strict=True)}
+    yield "^ " + " ".join(named[:2])
+
+
+def _marks(each: Candidate) -> Iterator[str]:
+    """Yield what a reading has beside its words."""
+    question, reading = each.question, each.found.reading
+    if question.person is not None:
+        person = question.person
+        yield "me" if person.me else "named" if person.names else "together" if person.together else "person"
+    yield from (name for name in _TENSES if reading.has(name))
+    for name, value in (
+        ("time", question.at_s), ("span", question.span_s), ("ordinal", question.ordinal), ("things", question.things),
+        ("agent", question.agent), ("all", question.about_all), ("opposite", question.is_opposite),
+        ("negative", question.is_negative), ("contrast", question.contrast), ("left out", question.about_left_out),
+        ("agent kind", question.agent_kind), ("extreme", question.extreme), ("asks", question.asks),
+    ):  # fmt: skip
+        if value is not None and value != "" and value is not False and value != {}:
+            yield name
+    if question.event is not None:
+        yield f"event {question.event.relation}"
+        if question.event.heard is not None:
+            yield "heard"
+
+
+def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]]:
+    """Yield how well the parts fit together: words, deed, things, agents and time."""
+    question, reading = each.question, each.found.reading
+    free = len([word for word in question.unknown if len(word) > 2])
+    mode = "deed" if each.deed is not None else "says" if question.says else "state" if question.kind else "none"
+    yield f"{mode} left", float(min(free, _MOST_COUNTED))
+    if free:
+        yield f"{mode} unknown", 1.0
+    verb = each.found.verb
+    if verb is not None and not (each.deed is not None and verb in each.deed.places):
+        is_known = any(verb in reading.places(name) for name in VERBS)
+        yield f"{mode} verb", 0.5 if is_known else 1.0
+    yield "beside", float(min(each.left_over, _MOST_COUNTED))
+    if question.event is not None or question.contrast is not None:
+        yield "split", 1.0
+    if question.says:
+        shares = [subjects.share_said(question.says, one) for one in subjects.deeds]
+        yield "quoted", max(shares, default=0.0)
+    if question.agent:
+        yield "agent acts", 1.0
+    if each.deed is None:
+        return
+    deed, topic = each.deed, each.deed.topic
+    yield from ((f"by {name}", alike) for name, alike in deed.evidence.items())
+    yield "by words only", float(deed.is_synonym and set(deed.evidence) <= {"said", "cause", "name"})
+    verb = each.found.verb
+    following = reading.words[verb + 1 : verb + 2] if verb is not None and verb in deed.places else []
+    if PARTICLES.intersection(following) and verb is not None and verb + 1 not in deed.places:
+        yield "other particle", 1.0  # "Did you check in?"
+    best = max(one.fit for one in each.found.deeds)
+    yield "behind", best - deed.fit
+    yield "deed words", float(min(len(deed.places), _MOST_COUNTED))
+    done = subjects.done(topic)
+    yield ("acted" if subjects.acted(topic) else "wanted" if done else "never done"), 1.0
+    if not topic.concerns_people and question.person is not None:
+        yield "no people", 1.0
+    if question.things:
+        fitting = [len(set(question.things) & {*arguments_of(one.what), one.source}) for one in done]
+        yield "things", max(fitting, default=0) / len(question.things)
+        yield "all things", float(max(fitting, default=0) == len(question.things))
+    if question.agent:
+        yield "agent does", float(any(record_agent(subjects.history, one) == question.agent for one in done))
+    if question.at_s is not None and not question.ago:
+        away_s = min((abs(subjects.history.seconds(one.stamp) - question.at_s) for one in done), default=math.inf)
+        yield "at time", float(away_s <= NEAR_S)
+        yield "near time", 1.0 / (1.0 + away_s)
+    before = [name for name, place in each.found.agents if deed.places and place < min(deed.places)]
+    if before and not reading.has("you"):
+        yield ("subject acts" if question.agent == before[0] else "subject is a thing"), 1.0
+    order = [(reading.place("you"), "you")] if reading.has("you") else []
+    order += [(place, "agent") for name, place in each.found.agents if name == question.agent][:1]
+    order += [(place, "people") for name in ("people", "named", "nobody") for place in reading.places(name)[:1]]
+    order += [(min(deed.places), "deed")] if deed.places else []
+    yield "order " + " ".join(name for _, name in sorted(order)), 1.0
