@@ -186,6 +186,9 @@ def _text_of(name: str, folder: Path = Path()) -> tuple[str, str]:
     known = registry.robot_files()
     path = folder / known.get(name, name)
     if name not in known and path.suffix not in (".yaml", ".yml"):
+        if path.is_file():  # a URDF or a launch file
+            remedy = "write the robot's topics and joints into a YAML file, such as my_robot.yaml"
+            raise GraphError("is no robot profile", where=str(path), remedy=remedy)
         raise GraphError(
             f"no robot {name!r}",
             where="robot",

@@ -143,6 +143,15 @@ def test_an_unknown_robot_is_named_with_a_suggestion(name):
     assert "my_robot.yaml" in (caught.value.remedy or "")
 
 
+@pytest.mark.parametrize("name", ["robby.urdf", "robby.launch.py"])
+def test_a_file_that_is_no_profile_is_told_from_an_unknown_robot(tmp_path, name):
+    (tmp_path / name).write_text("<robot name='robby'/>")
+    with pytest.raises(GraphError, match="is no robot profile") as caught:
+        load_profile(str(tmp_path / name))
+    assert caught.value.where == str(tmp_path / name)
+    assert "my_robot.yaml" in (caught.value.remedy or "")
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(GraphError, match=re.escape("cannot be read: No such file")):
         load_profile(str(tmp_path / "robby.yaml"))
