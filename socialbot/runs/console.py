@@ -199,7 +199,8 @@ class Display:
                 if (change := self._lacks.change(message)) is not None:
                     self._line(message.stamp, *change)
             case HeardSpeech():
-                self._line(message.stamp, "hears", f'"{message.text}"')
+                who = f"{message.person}: " if message.person else ""
+                self._line(message.stamp, "hears", f'{who}"{message.text}"')
             case HeadCommand():
                 direction = f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"
                 known = {"track": "follows people", "centre": "looks straight on"}

@@ -85,6 +85,7 @@ def shown(
         (record(2.0, "failure", "go()", reason="no applicable plan"), "   2.00 s  fails    go(): no applicable plan"),
         (record(2.0, "failure", "go()", reason="failed", message="no cup"), "   2.00 s  fails    go(): no cup"),
         (HeardSpeech(stamp=at(3), start=at(2), text="Hi!"), '   3.00 s  hears    "Hi!"'),
+        (HeardSpeech(stamp=at(3), start=at(2), text="Hi!", person="t1"), '   3.00 s  hears    t1: "Hi!"'),
         (SpeechStatus(stamp=at(3), utterance_id="1", state="started", text="Hi!"), '   3.00 s  says     "Hi!"'),
         (
             SpeechStatus(stamp=at(3), utterance_id="1", state="failed", text="Hi!", detail="no voice"),
