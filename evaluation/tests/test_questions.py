@@ -90,7 +90,8 @@ def test_unsupported_clauses_are_found(visits, question, change):
 @pytest.mark.parametrize("question", ["Did you let Ann in?", "Did you admit Ann?", "Why did you not admit Bob?"])
 def test_a_goal_without_names_is_not_denied_of_those_that_it_was_for(guard, question):
     found = told(guard[0], question)
-    assert "did_not" not in [clause["claim"]["kind"] for clause in found["clauses"]]
+    denied = [clause["claim"]["what"] for clause in found["clauses"] if clause["claim"]["kind"] == "did_not"]
+    assert not any(call.startswith(("admit", "check")) for calls in denied for call in calls)
 
 
 @pytest.mark.parametrize(

@@ -394,7 +394,8 @@ def _is_caused(reading: Reading) -> bool:
 
 def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield the agent that acts with the things in question; an agent that something is done to is a thing."""
-    words, things = found.reading.words, dict(found.question.things)
+    words, own = found.reading.words, arguments_of(topic.name)  # "check Bob" is the deed check("Bob")
+    things = {name: before for name, before in found.question.things.items() if name not in own}
     agents = sorted(found.agents, key=lambda each: each[1])
     beside = {name: words[place - 1] if place else "" for name, place in agents}
     if not beside:
