@@ -190,9 +190,12 @@ def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
     known, asked, deadline = warehouse(6, 3)
     limits = PlannerLimits(timeout_s=1.0, makespan_s=deadline)
     alone = Kairos().solve(known, asked, limits)
-    with busy.busy_machine(12):
-        among_others = Kairos().solve(known, asked, limits)
-    assert among_others.seconds > limits.timeout_s, "nobody was in its way"
+    among_others = alone
+    for others in (12, 24, 48):
+        if among_others.seconds <= limits.timeout_s:  # nobody was in its way
+            with busy.busy_machine(others):
+                among_others = Kairos().solve(known, asked, limits)
+    assert among_others.seconds > limits.timeout_s
     assert (among_others.verdict, among_others.plan) == (PlannerVerdict.SOLVED, alone.plan)
 
 
