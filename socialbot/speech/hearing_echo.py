@@ -191,6 +191,7 @@ class EchoCanceller:
         self._spectra = np.zeros((parts, FRAME + 1), np.complex128)
         self._rest = np.zeros(FRAME + 1)
         self._last = np.zeros(FRAME)
+        self._is_paused = False
         self._meter = RestMeter()
 
     def process(self, samples: np.ndarray, played: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -210,7 +211,11 @@ class EchoCanceller:
         self._last = played
         power = spectra.real**2 + spectra.imag**2
         if not power.any():
+            self._is_paused = True
             return recorded, NO_ECHO_DB
+        if self._is_paused:  # The delay of each utterance differs a little, so nothing of the path is certain.
+            self._is_paused = False
+            self._variance = self._variance + np.abs(self._path) ** 2
         clean, error = self._without_echo(recorded)
         expected, left = (self._variance * power).sum(axis=0), np.abs(error) ** 2
         self._rest = _REST_KEPT * self._rest + (1 - _REST_KEPT) * left

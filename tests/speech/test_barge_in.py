@@ -38,6 +38,18 @@ def test_canceller_removes_the_echo_and_keeps_a_person() -> None:
     assert level_db(left.astype(np.int16)) < level_db(person[later].astype(np.int16)) - 3
 
 
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_little_of_an_utterance_is_taken_for_a_person_when_its_delay_has_changed(seed: int) -> None:
+    voice = np.concatenate([spoken(TEXT), np.zeros(RATE_HZ, np.int16)])
+    voice = voice[: voice.size // FRAME * FRAME]
+    response, noise = room(seed, gain=0.5, reverberation_s=0.35), np.random.default_rng(seed).normal(0, 30, voice.size)
+    canceller = EchoCanceller()
+    for delay in (0, 8):  # samples; clocks that differ by 50 ppm shift ten seconds of sound by that much
+        echo = np.convolve(np.roll(voice, delay), response)[: voice.size] + noise
+        _, rest = canceller.process(echo.astype(np.int16), voice)
+    assert np.mean(rest[: -RATE_HZ // FRAME] >= 10) < 0.075
+
+
 def test_own_voice_is_cut_where_it_was_interrupted() -> None:
     own = OwnVoice(tail_s=0.4)
     own.on_status(SpeechStatus(stamp=SECOND, utterance_id="one", state="started", text=""))
