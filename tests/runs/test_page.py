@@ -64,7 +64,8 @@ def test_page_loads_without_errors(visit):
     assert visit.page.title().startswith("Waldo")
     assert visit.number("document.querySelector('#picture').naturalWidth") == 640
     assert processor_s(visit) < FIRST_PICTURE_S
-    assert visit.page.evaluate(BEFORE_THE_PICTURE) == ["run"]
+    # The moment is asked for with the picture, and may be answered before the browser asks.
+    assert visit.page.evaluate(BEFORE_THE_PICTURE) in (["run"], ["run", "moment"])
     visit.seek(2.0)
     assert visit.texts("#log .now span")
     assert faults(visit) == []
