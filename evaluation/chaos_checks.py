@@ -107,7 +107,7 @@ class Subject:
             self._observation.close()
 
     def keep_observing(self) -> bool:
-        """Observe anew, and return True, if DDS blocks the observer, which is no fault of the graph."""
+        """If DDS blocks the observer, replace it and return True. This is no fault of the graph."""
         if self._spin is None or not self._spin.is_blocked():
             return False
         give_up(self._observer.ros)

@@ -1,4 +1,4 @@
-"""Learn the weights by which `socialbot.runs.asking` ranks the readings of a question.
+"""Learn the weights of the model in `socialbot.runs.asking`, which ranks the possible readings of a question.
 
 ``python -m evaluation.train_questions`` asks the questions of questions.yaml, and notes for each reading whether its
 answer reaches the right record: only the records are given, not the readings. The weights of a log-linear model are

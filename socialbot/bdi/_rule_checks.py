@@ -130,7 +130,7 @@ def report_confused_names(plan: Plan, library: Library) -> None:
 
 
 Doubt = tuple["Plan | Inference | Literal", str, str]
-"""Rule that may never have an effect, or an initial goal; what is wrong, and the remedy."""
+"""A rule or an initial goal that may never have an effect, the reason, and the remedy."""
 
 
 def goals_without_plans(library: Library, initial: Iterable[Literal] = ()) -> Iterator[Doubt]:

@@ -89,8 +89,15 @@ class Visit:
         self.page.on("console", self._note)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.goto(f"{url}#{where}")
+        self._wait_for_page()
+
+    def _wait_for_page(self) -> None:
         self.page.wait_for_selector("body[data-loaded]")
         self.page.wait_for_selector("body[data-shown]")
+
+    def load_again(self) -> None:
+        self.page.reload()
+        self._wait_for_page()
 
     def _note(self, message: ConsoleMessage) -> None:
         if message.type in ("error", "warning"):

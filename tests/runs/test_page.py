@@ -64,8 +64,13 @@ def test_page_loads_without_errors(visit):
     assert visit.page.title().startswith("Waldo")
     assert visit.number("document.querySelector('#picture').naturalWidth") == 640
     assert processor_s(visit) < FIRST_PICTURE_S
-    # The moment is asked for with the picture, and may be answered before the browser asks.
-    assert visit.page.evaluate(BEFORE_THE_PICTURE) in (["run"], ["run", "moment"])
+    before: list[str] = []
+    for _ in range(3):
+        before = visit.page.evaluate(BEFORE_THE_PICTURE)
+        if before == ["run"]:
+            break
+        visit.load_again()  # other answers may come by chance before a busy browser asks for the picture
+    assert before == ["run"]
     visit.seek(2.0)
     assert visit.texts("#log .now span")
     assert faults(visit) == []
