@@ -14,7 +14,8 @@ from tests.system.two_hosts import ROBOT, WORKSTATION, Host, open_to, script, tw
 FIRST_ANNOUNCEMENTS_S = 5.0
 """Time after which a process announces itself seldom."""
 STEP_S = 2.5
-SOON_S = 1.5
+SOON_S = 2.5
+"""Half the period of announcements; 1.7 s at most was measured, and 4.7 s where answers are lost."""
 LATEST_S = 6.5
 """Period of announcements, 5 s, and a second for the exchange of topics."""
 
@@ -93,7 +94,7 @@ def test_new_processes_meet_known_ones_at_once(tmp_path: Path) -> None:
         assert eventually(lambda: "end" in log.read_text()), log.read_text()
         waits = waits_s(log)
         assert len(waits) == 2 * new, log.read_text()
-        assert max(waits) < SOON_S, sorted(waits)
+        assert max(waits) < SOON_S, [round(each, 2) for each in sorted(waits)]
 
 
 @pytest.mark.ros
