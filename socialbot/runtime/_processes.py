@@ -94,6 +94,47 @@ def opened_log(path: Path) -> BinaryIO:
         return open(os.devnull, "ab")
 
 
+@dataclass
+class _Wait:
+    """What Linux counted of one thread of a process at two moments."""
+
+    begun_s: float
+    """Wait for a processor (s) up to the first look."""
+    periods: int
+    """Periods on a processor that had begun when the thread was first seen ready in this one, at ``since``."""
+    ran_s: float
+    """Time on a processor (s) up to ``since``."""
+    since: float
+
+
+class ProcessorWaits:
+    """How long the threads of a process have been ready and waited for a processor, from the first look on.
+
+    Linux adds a wait to its count when it ends. A wait that goes on is counted here: the time in which a thread was
+    ready, began no new period on a processor, and did not run.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._tasks = Path(f"/proc/{pid}/task")
+        self._waits: dict[str, _Wait] = {}
+
+    def longest_s(self, now: float) -> float:
+        """Look once; return the wait of the thread that waited longest (s). It is 0 where Linux counts none."""
+        return max((self._wait_s(task, now) for task in self._tasks.glob("*")), default=0.0)
+
+    def _wait_s(self, task: Path, now: float) -> float:
+        try:
+            state = (task / "stat").read_bytes().rpartition(b")")[2].split()[0]
+            ran_ns, waited_ns, periods = map(int, (task / "schedstat").read_bytes().split())
+        except (OSError, ValueError, IndexError):  # the thread has ended
+            return 0.0
+        ran_s, waited_s = ran_ns / 1e9, waited_ns / 1e9
+        wait = self._waits.setdefault(task.name, _Wait(waited_s, periods, ran_s, now))
+        if state != b"R" or periods != wait.periods:
+            wait.periods, wait.ran_s, wait.since = periods, ran_s, now
+        return waited_s - wait.begun_s + max(0.0, (now - wait.since) - (ran_s - wait.ran_s))
+
+
 def until_parent_ends(arguments: list[str]) -> list[str]:
     """Return the arguments of a process that ends with this one."""
     return [*arguments, "--parent", str(os.getpid())]

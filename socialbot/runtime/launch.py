@@ -24,6 +24,7 @@ from socialbot.runs.record import RunTrace
 from socialbot.runtime._processes import (
     DOCUMENTED,
     Process,
+    ProcessorWaits,
     RestartBackoff,
     RestartPolicy,
     end_processes,
@@ -169,8 +170,8 @@ class Member:
     channel: SupervisorChannel | None = None
     states: dict[str, str] = field(default_factory=dict)
     reported_at: dict[str, float] = field(default_factory=dict)
-    waits: dict[str, dict[int, float]] = field(default_factory=dict)
-    """Of silent nodes: how long each thread had waited for a processor (s) when they became silent."""
+    waits: dict[str, ProcessorWaits] = field(default_factory=dict)
+    """Waits for a processor of silent nodes since they became silent."""
     restarts: int = 0
     was_well: bool = False
     is_down: bool = False
@@ -189,15 +190,6 @@ class Member:
         if self.due is not None:
             return "waiting"
         return "given up" if self.is_given_up else "ended"
-
-
-def waits_of(pid: int) -> dict[int, float]:
-    """How long each thread of a process has been ready and waited for a processor (s); empty without Linux."""
-    waits: dict[int, float] = {}
-    for thread in Path(f"/proc/{pid}/task").glob("*"):
-        with contextlib.suppress(OSError):  # it has ended
-            waits[int(thread.name)] = int((thread / "schedstat").read_bytes().split()[1]) / 1e9
-    return waits
 
 
 class Supervisor:
@@ -393,25 +385,13 @@ class Supervisor:
         for node, reported_at in member.reported_at.items():
             limit_s = self._policy.hung_s if member.states.get(node) == ACTIVE else self._policy.ready_s
             silent_s = now - reported_at
-            if silent_s > min(SILENT_S, limit_s / 2) and node not in member.waits and member.process is not None:
-                member.waits[node] = waits_of(member.process.pid)
-            if (
-                silent_s > STARVED_LIMITS * limit_s
-                or silent_s - self._starved_s(member, node, silent_s, limit_s) > limit_s
-            ):
+            starved_s = 0.0
+            if silent_s > min(SILENT_S, limit_s / 2) and member.process is not None:
+                waits = member.waits.setdefault(node, ProcessorWaits(member.process.pid))
+                starved_s = waits.longest_s(now)
+            if silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s:
                 return node
         return ""
-
-    @staticmethod
-    def _starved_s(member: Member, node: str, silent_s: float, limit_s: float) -> float:
-        """How long the thread that waited longest for a processor did so, since ``node`` is silent."""
-        if silent_s <= limit_s or member.process is None:
-            return 0.0
-        before = member.waits[node]
-        return max(
-            (waited - before.get(thread, waited) for thread, waited in waits_of(member.process.pid).items()),
-            default=0.0,
-        )
 
     def _on_exit(self, member: Member, code: int, now: float) -> None:
         self._part(member)
