@@ -10,15 +10,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from socket import gethostname
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
-from socialbot.core.messages import NO_JSON, Health
+from socialbot.core.messages import NO_JSON, Health, State
 from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"  # key of the sealed copy of name and values
+HEALTH, REASON, SILENT = "health", "health_reason", "health_silent"  # keys of the node's health; empty without one
 UNCONNECTED = "unconnected"  # key of the topics without a peer; empty if the node is connected
 MACHINE_VARIABLE = "SOCIALBOT_MACHINE"  # variable with the name of this machine in a deployment; default: the host name
 RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"  # variable with the number of restarts, set by the supervisor
@@ -135,6 +137,16 @@ def is_socialbot_status(values: Mapping[str, str]) -> bool:
 def values_of(status: Any) -> dict[str, str]:
     """Values of a DiagnosticStatus by key."""
     return {pair.key: pair.value for pair in status.values}
+
+
+def health_in(name: str, values: Mapping[str, str], stamp: int, outputs: tuple[str, ...]) -> Health | None:
+    """Health of a node that publishes ``outputs``, by the values of its status; None if they have none."""
+    state = values.get(HEALTH, "")
+    if state not in get_args(State):
+        return None
+    silent = tuple(filter(None, values.get(SILENT, "").split(", ")))
+    reason = values.get(REASON, "")
+    return Health(stamp=stamp, node=name, state=cast("State", state), reason=reason, silent=silent, outputs=outputs)
 
 
 def _key_value(key: str, value: object) -> Any:
@@ -251,7 +263,7 @@ def rates(before: Mapping[str, float], after: Mapping[str, float], seconds: floa
 
 
 class DiagnosticsReporter:
-    """Publish the statistics of one node once a second, and whenever its connections change."""
+    """Publish the statistics of one node once a second, and whenever its connections or its health change."""
 
     def __init__(
         self,
@@ -272,7 +284,7 @@ class DiagnosticsReporter:
         self._state = state
         self._health = health
         self._ticks = itertools.count()
-        self._missing = ""
+        self._shown: tuple[str, Health | None] = ("", None)
         self._counted_at, self._counts = time.monotonic(), self._count()
         self._rates: dict[str, float] = {}
         self._publisher = DiagnosticsPublisher(ros)
@@ -281,20 +293,22 @@ class DiagnosticsReporter:
     def _tick(self) -> None:
         state = self._state()
         missing = unconnected(self._connections) if state == "active" else state
+        health = self._health() if state == "active" else None
+        shown = missing, None if health is None else replace(health, stamp=0)
         is_due = next(self._ticks) % TICKS_PER_REPORT == 0
         if is_due:
             now, counts = time.monotonic(), self._count()
             self._rates = rates(self._counts, counts, now - self._counted_at)
             self._counted_at, self._counts = now, counts
-        if is_due or missing != self._missing:
-            self._missing = missing
-            self._publisher.publish([self._current_status(state, missing)])
+        if is_due or shown != self._shown:
+            self._shown = shown
+            self._publisher.publish([self._current_status(state, missing, health)])
 
     def _count(self) -> dict[str, float]:
         statistics = self._statistics
         return {"call_hz": statistics.calls, "publish_hz": statistics.published, "cpu_percent": 100 * _cpu_s()}
 
-    def _current_status(self, state: str, missing: str) -> Any:
+    def _current_status(self, state: str, missing: str, health: Health | None) -> Any:
         statistics, inputs = self._statistics, self._inputs()
         call_mean, call_p50, call_p99 = duration_stats(statistics.durations)
         age_mean, _, age_p99 = duration_stats(statistics.ages)
@@ -324,6 +338,9 @@ class DiagnosticsReporter:
             **self._rates,
             **process_costs(),
             UNCONNECTED: missing,
+            HEALTH: "" if health is None else health.state,
+            REASON: "" if health is None else health.reason,
+            SILENT: "" if health is None else ", ".join(health.silent),
         }
         summary = "running" if state == "active" else state
         problems = {
@@ -335,7 +352,6 @@ class DiagnosticsReporter:
         failing = [text for text, applies in problems.items() if applies]
         level = "WARN" if failing or missing else "OK"
         text = statistics.first_failure or next(iter(failing), summary)
-        health = self._health() if state == "active" else None
         if health is not None and health.state in _LEVELS:
             level, text = _LEVELS[health.state], health.reason
         return status_of(self._ros.get_name(), level, text, values)

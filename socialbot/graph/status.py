@@ -192,7 +192,7 @@ class NodeStatuses:
             state=state,
             heard_s=now - one.last,
             twin=one.twin if now - one.twin_at <= SILENT_S else "",
-            lacks_heartbeat=state == ACTIVE and self._has_health_reports and now - sign_of_life > LIFELESS_S,
+            lacks_heartbeat=state == ACTIVE and self._has_health_reports and one.last - sign_of_life > LIFELESS_S,
             health=health.state if health else "",
             reason=printable(health.reason) if health else "",
             silent=tuple(map(printable, health.silent)) if health else (),

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import MACHINE_VARIABLE
+from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
 from socialbot.bridge.graph_observer import SpinWatch, expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
@@ -21,7 +21,6 @@ from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import Health
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
@@ -85,7 +84,7 @@ class _NodesUp:
         self.run = secrets.token_hex(8)
         self._begun = time.monotonic()
         self._is_first = well is None
-        self._names = {config.name for config in self._graph.nodes}
+        self._outputs = {config.name: tuple(topic for topic, _ in config.publications) for config in self._graph.nodes}
         self._observers = 0
         self.supervisor = Supervisor(
             self._graph,
@@ -106,7 +105,7 @@ class _NodesUp:
         graph, source, ending = self._graph, self._source, self._execution.ending
         self._observers += 1
         name = f"observer_{self._observers}" if self._observers > 1 else "observer"
-        topics = {**observed_topics(graph, source.nodes), HEALTH_TOPIC: Health}
+        topics = observed_topics(graph, source.nodes)
         with (
             with_standard_types(graph, self._execution.observe, source.nodes) as observe,
             observe_graph(topics, observe, self._note, graph.wire, name=name) as observer,
@@ -141,8 +140,11 @@ class _NodesUp:
         self.supervisor.stop()
 
     def _note(self, name: str, values: dict[str, str]) -> None:
-        if name in self._names:  # other programs may publish on /diagnostics, too
-            self._execution.record.note_node(self._watch.clock.now(), name, values)
+        if name in self._outputs:  # other programs may publish on /diagnostics, too
+            now = self._watch.clock.now()
+            self._execution.record.note_node(now, name, values)
+            if (health := health_in(name, values, now, self._outputs[name])) is not None:
+                self._execution.observe(HEALTH_TOPIC, health)
 
 
 def restarted(supervisor: Supervisor, begun: float, missed: tuple[float, float] | None) -> bool:

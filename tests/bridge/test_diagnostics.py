@@ -12,7 +12,7 @@ import pytest
 
 from socialbot.bridge.keys import new_key
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Utterance
+from socialbot.core.messages import Health, Utterance
 from tests.bridge.hosting import spinning_nodes
 from tests.bridge.test_process import HOLD
 from tests.system.running import eventually, next_line
@@ -150,3 +150,21 @@ def test_measures_the_memory_of_the_process():
 
     costs = process_costs()
     assert 1.0 < costs["rss_mb"] <= costs["peak_rss_mb"] + 1.0
+
+
+def test_health_is_read_from_a_status_of_a_node_that_has_one():
+    from socialbot.bridge.diagnostics import health_in
+
+    values = {"health": "degraded", "health_reason": "no message on /a, /b", "health_silent": "/a, /b"}
+    assert health_in("camera", values, 7, ("/image",)) == Health(
+        stamp=7,
+        node="camera",
+        state="degraded",
+        reason="no message on /a, /b",
+        silent=("/a", "/b"),
+        outputs=("/image",),
+    )
+    well = health_in("camera", {"health": "ok", "health_reason": "", "health_silent": ""}, 7, ())
+    assert well == Health(stamp=7, node="camera", state="ok")
+    for none in ({}, {"health": ""}, {"health": "splendid"}):
+        assert health_in("driver", none, 7, ()) is None

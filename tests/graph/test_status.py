@@ -267,7 +267,8 @@ def test_the_screen_has_a_line_for_each_node_however_long_its_name():
     names = {"camera_image_raw_to_workstation": "workstation", "camera_image_raw_at_workstation": "workstation"}
     roll = NodeStatuses(names)
     for name in names:
-        roll.note(name, TOLD | {"call_mean_ms": "2094", "call_p99_ms": "6920", "machine": "workstation"}, 10.0)
+        for second in (10.0, 13.0):
+            roll.note(name, TOLD | {"call_mean_ms": "2094", "call_p99_ms": "6920", "machine": "workstation"}, second)
         roll.note_health(health(name), 10.0)
     lines = screen_lines(Screen(0.0), 13.0, roll.statuses(13.0))
     assert [line.split()[:4] for line in lines[3:5]] == [
