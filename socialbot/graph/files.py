@@ -45,12 +45,13 @@ FOREIGN_NODE = "foreign_node"
 """Registered type of the watch of a node outside the graph."""
 
 
-def load_graph(name: str, *, robot: str = "") -> Graph:
+def load_graph(name: str | Path, *, robot: str | Path = "") -> Graph:
     """Load a registered graph by its name, or a graph file by its path.
 
     The folder of the file may hold modules with node types, and files that nodes read or write. ``robot`` is the name
     or file of a robot profile, in place of that of the file. Raises GraphError.
     """
+    name, robot = str(name), str(robot)
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name, robot=robot)
     path = Path(name)

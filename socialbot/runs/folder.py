@@ -209,13 +209,13 @@ class _Line(msgspec.Struct):
     message: msgspec.Raw
 
 
-def open_run(folder: Path, images: ImageSource | None = None) -> RecordedRun:
+def open_run(folder: Path | str, images: ImageSource | None = None) -> RecordedRun:
     """Open the run in ``folder``; unreadable parts are skipped and listed in ``damage``.
 
     Raises:
         RunError: The folder holds no run.
     """
-    return RecordedRun(folder, images)
+    return RecordedRun(Path(folder), images)
 
 
 def newest_run(folder: Path = RUNS) -> Path:

@@ -45,12 +45,12 @@ BAG_GRAPH = "graph.yaml"  # file name of the graph in the folder of a bag
 
 def replay(
     bag: Bag | Path | str,
-    graph: Graph | str | None = None,
+    graph: Graph | Path | str | None = None,
     folder: Path | str | None = None,
     observe: MessageObserver = lambda topic, message: None,
     *,
     runner: Runner = "inline",
-    truth: Path | None = None,
+    truth: Path | str | None = None,
     cache: bool | PerceptionCache = True,
 ) -> RunResult:
     """Replay a bag through a graph.
@@ -74,7 +74,7 @@ def replay(
     if not isinstance(graph, Graph):
         graph = graph_of(bag.path) if graph is None else load_graph(graph)
     kept = cache if isinstance(cache, PerceptionCache) else PerceptionCache() if cache else None
-    source = BagSource(bag, truth=find_truth(bag, truth), cache=kept)
+    source = BagSource(bag, truth=find_truth(bag, None if truth is None else Path(truth)), cache=kept)
     with RunRecord(new_run_folder() if folder is None else Path(folder)) as record:
         return run(graph, source, record, observe, runner=runner)
 

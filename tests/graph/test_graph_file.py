@@ -43,7 +43,12 @@ def test_a_graph_file_defines_the_graph(tmp_path):
         inputs=frozenset({"/more"}),
         paced_by="/echo",
     )
-    assert load_graph(str(path)) == expected
+    assert load_graph(str(path)) == load_graph(path) == expected
+
+
+def test_a_graph_file_that_is_missing_is_named(tmp_path):
+    with pytest.raises(GraphError, match=r"waldo\.yaml: cannot be read: No such file"):
+        load_graph(tmp_path / "waldo.yaml")
 
 
 def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):

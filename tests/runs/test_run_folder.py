@@ -24,7 +24,7 @@ BELIEF = record(1.0, "ann", "belief", "b")
 
 
 def test_run_is_opened(tmp_path):
-    run = open_run(greeting(tmp_path / "evening"))
+    run = open_run(str(greeting(tmp_path / "evening")))
     assert (run.title, run.live, run.damage, run.wording.name("bdi_engine")) == ("Waldo: evening", False, [], "Waldo")
     assert run.history.start == START
     view = run.graph_view()

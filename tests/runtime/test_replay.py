@@ -11,7 +11,7 @@ from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import Image
-from socialbot.graph.files import load_graph
+from socialbot.graph.files import dump_graph, load_graph
 from socialbot.runs.report import recorded
 from socialbot.runtime.bag_source import BagSource, find_truth, graph_of, replay
 from tests.planning import busy
@@ -72,6 +72,15 @@ def test_finds_the_images_of_a_run_from_any_folder(tmp_path, monkeypatch):
     with recorded(tmp_path / "run") as run:
         assert run.damage == []
         assert run.picture(run.end) is not None
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_replay_takes_paths_as_texts_and_as_paths(tmp_path, kind):
+    bag = drawn_bag(tmp_path, "visit", frames=2)
+    truth, graph = tmp_path / "visit.truth.json", tmp_path / "own.yaml"
+    graph.write_text(dump_graph(load_graph("waldo")).replace("name: waldo", "name: own"))
+    result = replay(kind(bag), kind(graph), kind(tmp_path / "run"), truth=kind(truth), cache=False)
+    assert result.results["graph"] == "own"
 
 
 def test_replay_never_writes_the_camera_file(tmp_path):
