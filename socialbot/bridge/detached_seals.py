@@ -78,11 +78,22 @@ class MessageWatch:
         self.overlaps = False
 
 
+@dataclass(frozen=True)
+class _WaitingSeal:
+    """Seal of the ``number``th message of a ``stream``, valid until ``end`` (s)."""
+
+    end: float
+    digest: str
+    stream: StreamKey
+    number: int
+
+
 @dataclass(eq=False)
 class SealMatcher:
     """Match of messages with their seals, for one subscription. Not thread-safe.
 
-    Messages wait for their seals, and seals for their messages, as long as the time window of the keys.
+    Messages wait for their seals as long as the time window of the keys, and seals for their messages until they are
+    too old. A message of a stream is refused after a later one: DDS keeps the order, so a stranger has withheld it.
 
     Attributes:
         opener: Verifies the seals.
@@ -96,7 +107,7 @@ class SealMatcher:
     refuse: Callable[[MessageError], None]
     clock: Callable[[], float] = time.monotonic
     watch: MessageWatch = field(init=False)
-    _seals: deque[tuple[float, str, StreamKey]] = field(default_factory=deque, init=False)
+    _seals: deque[_WaitingSeal] = field(default_factory=deque, init=False)
     _waiting: deque[tuple[float, str, bytes, Any]] = field(default_factory=deque, init=False)
     _bytes: int = field(default=0, init=False)
     _delivered: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_SEALS), init=False)
@@ -108,10 +119,9 @@ class SealMatcher:
         """Deliver a serialised message if its seal has arrived; otherwise keep it."""
         self.expire()
         name = digest(cdr)
-        for place, (_, sealed, stream) in enumerate(self._seals):
-            if sealed == name:
-                del self._seals[place]
-                self._deliver(stream, name, cdr, info)
+        for seal in self._seals:
+            if seal.digest == name:
+                self._deliver(seal, cdr, info)
                 return
         if self.watch.overlaps and name in self._delivered:
             return
@@ -130,22 +140,24 @@ class SealMatcher:
             return
         if name is None:
             return
+        seal = _WaitingSeal(self.clock() + self.opener.left_s, name, self.opener.stream, self.opener.number)
         for place, (_, waiting, cdr, info) in enumerate(self._waiting):
             if waiting == name:
                 del self._waiting[place]
                 self._bytes -= len(cdr)
-                self._deliver(self.opener.stream, name, cdr, info)
+                self._deliver(seal, cdr, info)
                 return
-        self._seals.append((self.clock(), name, self.opener.stream))
+        self._seals.append(seal)
         self.watch.expect(self.opener.stream)
         if len(self._seals) > MAX_SEALS:
             self._seals.popleft()
 
     def expire(self) -> None:
         """Refuse messages that have waited too long for a seal, and forget old seals."""
-        oldest = self.clock() - self.opener.freshness.window_s
-        while self._seals and self._seals[0][0] < oldest:
-            self._seals.popleft()
+        now = self.clock()
+        oldest = now - self.opener.freshness.window_s
+        if any(seal.end < now for seal in self._seals):
+            self._seals = deque(seal for seal in self._seals if seal.end >= now)
         while self._waiting and self._waiting[0][0] < oldest:
             self._give_up()
 
@@ -154,9 +166,10 @@ class SealMatcher:
         while self._waiting:
             self._give_up()
 
-    def _deliver(self, stream: StreamKey, name: str, cdr: bytes, info: Any) -> None:
-        self.watch.note(stream)
-        self._delivered.append(name)
+    def _deliver(self, seal: _WaitingSeal, cdr: bytes, info: Any) -> None:
+        self._seals = deque(each for each in self._seals if each.stream != seal.stream or each.number > seal.number)
+        self.watch.note(seal.stream)
+        self._delivered.append(seal.digest)
         self.deliver(cdr, info)
 
     def _give_up(self) -> None:

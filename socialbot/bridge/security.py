@@ -191,6 +191,8 @@ class Opener:
     Attributes:
         watch: Records the messages and beacons.
         stream: Sender and stream of the last valid message.
+        number: Its number in the stream.
+        time: The time (ns) of its seal.
     """
 
     keys: Keys | KeyRing
@@ -199,6 +201,14 @@ class Opener:
     freshness: Freshness
     watch: StreamWatch = field(default_factory=StreamWatch)
     stream: StreamKey = field(default=("", ""), init=False)
+    number: int = field(default=0, init=False)
+    time: int = field(default=0, init=False)
+
+    @property
+    def left_s(self) -> float:
+        """Time (s) for which the last valid message stays inside the time window."""
+        age_s = (self.freshness.now() - self.time) / SECOND
+        return self.freshness.window_s - max(0.0, age_s)
 
     def open(self, text: str) -> str | None:
         """Return the payload of ``text``; None if it brings no new message. Raises SealError.
@@ -210,7 +220,7 @@ class Opener:
         self._verify(sealed)
         verdict = self.freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
         if verdict in ("new", "renewed"):
-            self.stream = sealed.sender, sealed.stream
+            self.stream, self.number, self.time = (sealed.sender, sealed.stream), sealed.number, sealed.time
             is_beacon = sealed.payload == BEACON
             self.watch.note(self.stream, sealed.number, is_beacon=is_beacon)
             return sealed.payload if verdict == "new" and not is_beacon else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from socialbot.bridge import detached_seals
 from socialbot.bridge.detached_seals import MAX_SEALS, MAX_WAITING, SealMatcher, digest, padded
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.security import Seal, Stream
+from socialbot.core.clock import SECOND
 
 TOPIC = "/camera/image_raw"
 
@@ -59,6 +61,32 @@ def test_delivers_a_sealed_message_once(receiving, stream):
     receiving.matcher.take_seal(stream.seal(digest(b"one")))
     receiving.matcher.take_message(b"one")
     receiving.matcher.take_message(b"one")
+    receiving.matcher.close()
+    assert (receiving.got, receiving.refused) == ([b"one"], ["unsealed"])
+
+
+def test_a_withheld_message_does_not_arrive_after_a_later_one(receiving, stream, keys):
+    """A stranger who stops messages but not their seals could otherwise change the order of commands."""
+    other = Seal(keys, "here").stream(TOPIC)
+    receiving.matcher.take_seal(other.seal(digest(b"other")))
+    for cdr in (b"one", b"two", b"three"):
+        receiving.matcher.take_seal(stream.seal(digest(cdr)))
+    for cdr in (b"two", b"one", b"three", b"other"):
+        receiving.matcher.take_message(cdr)
+    receiving.matcher.close()
+    assert (receiving.got, receiving.refused) == ([b"two", b"three", b"other"], ["unsealed"])
+
+
+def test_a_withheld_message_arrives_within_the_time_window_of_its_seal(receiving, stream):
+    """The time of the seal counts, not that of its arrival."""
+    wall = time.time_ns() - 4 * SECOND
+    stream.now = lambda: wall
+    for cdr in (b"one", b"two"):
+        receiving.matcher.take_seal(stream.seal(digest(cdr)))
+    receiving.now += 0.9
+    receiving.matcher.take_message(b"one")
+    receiving.now += 0.2
+    receiving.matcher.take_message(b"two")
     receiving.matcher.close()
     assert (receiving.got, receiving.refused) == ([b"one"], ["unsealed"])
 
