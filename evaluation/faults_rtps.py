@@ -23,7 +23,9 @@ ROOT = Path(__file__).parents[1]
 TOPIC, RATE_HZ = "/speech/say", 50
 BOUND_S = 2.0
 """Longest gap (s) after the end of an attack."""
-UNSUPERVISED = tuple(name for name in ATTACKS if name not in ("endless_gap", "acknacks"))
+SUPERVISED = ("endless_gap", "removed_publishers", "removed_subscriptions")
+"""Attacks after which a supervisor has to start a process again."""
+UNSUPERVISED = tuple(name for name in ATTACKS if name not in (*SUPERVISED, "acknacks"))
 """Attacks after which a process goes on without a supervisor; ``acknacks`` does harm on a bad link only."""
 FORGED, FORGED_BOUND_S = ("heartbeats", "gaps"), 15.0
 """Attacks in the name of a publisher, after which a subscription has to be replaced."""

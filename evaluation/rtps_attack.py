@@ -18,6 +18,8 @@ HEADER = b"RTPS\x02\x03\x01\x0f"
 INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x06, 0x15, 0x16
 KNOWN = (INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG, 0x01, 0x09, 0x0C, 0x0D, 0x12, 0x13)
 PARTICIPANTS = 16  # number of participants whose ports are attacked
+PUBLICATIONS_WRITER, PUBLICATIONS_READER = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
+SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = b"\x00\x00\x04\xc2", b"\x00\x00\x04\xc7"
 SPDP_WRITER, SPDP_READER = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
 BATCH, PAUSE_S = 50, 0.01  # 5000 packets a second
 
@@ -99,6 +101,28 @@ def acknacks(chance: random.Random, known: bytes) -> bytes:
     return HEADER + reader[:12] + submessage(ACKNACK, reader[12:] + writer[12:] + numbers)
 
 
+def removal(chance: random.Random, endpoint: bytes, writer: bytes, reader: bytes) -> bytes:
+    """Discovery in the name of a participant: all news up to a later one is gone, and that one removes ``endpoint``."""
+    number = struct.pack("<iI", 0, chance.randrange(100, 5000))
+    heartbeat = bytes(4) + writer + number + number + struct.pack("<I", chance.randrange(2**31))
+    parameters = b"".join(
+        struct.pack("<HH", kind, len(value)) + value
+        for kind, value in ((0x0070, endpoint), (0x0071, b"\x00\x00\x00\x03"), (0x0001, b""))
+    )
+    data = struct.pack("<HH", 0, 16) + reader + writer + number + parameters
+    return HEADER + endpoint[:12] + submessage(HEARTBEAT, heartbeat) + submessage(DATA, data, flags=3)
+
+
+def removed_publishers(chance: random.Random, known: bytes) -> bytes:
+    """The news that a publisher is gone, after which its participant announces no other one."""
+    return removal(chance, known[:16], PUBLICATIONS_WRITER, PUBLICATIONS_READER)
+
+
+def removed_subscriptions(chance: random.Random, known: bytes) -> bytes:
+    """The news that a subscription is gone, after which its participant announces no other one."""
+    return removal(chance, known[16:], SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER)
+
+
 ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "noise": noise,
     "malformed": malformed,
@@ -108,6 +132,8 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "endless_gap": endless_gap,
     "participants": participants,
     "acknacks": acknacks,
+    "removed_publishers": removed_publishers,
+    "removed_subscriptions": removed_subscriptions,
 }
 
 

@@ -171,6 +171,11 @@ class Listener:
     endpoint: Any
     seals: WatchedSubscription | None = None
 
+    def lost(self, wanted: int) -> int:
+        """How many of the ``wanted`` publishers with keys are lost: see `WatchedSubscription.lost`."""
+        endpoints = (self.endpoint, self.seals)
+        return max((each.lost(wanted) for each in endpoints if isinstance(each, WatchedSubscription)), default=0)
+
     def destroy(self, ros: Any) -> None:
         """Remove the subscriptions from the rclpy node ``ros``."""
         if isinstance(self.endpoint, WatchedSubscription):

@@ -52,7 +52,7 @@ from socialbot.bridge.transport import Listener, Receiver, Sender, Transport, op
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, Transforms
-from socialbot.graph.health import health_topics
+from socialbot.graph.health import health_topics, publishers
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
 
@@ -149,6 +149,10 @@ class NodeHost:
         self._health_senders: list[Sender] = []
         self._connections: list[Connection] = []
         self._listeners: list[Listener] = []
+        self._expected: list[tuple[str, int, Listener]] = []
+        """Topic of each listener, and the number of publishers in the graph."""
+        self._lost: dict[str, int] = {}
+        """Number of lost publishers by topic."""
         self._latched: dict[Input[Any], Message] = {}
         self._ports = list(config.type.inputs())
         self._reliable: dict[Input[Any], str] = {}
@@ -277,6 +281,7 @@ class NodeHost:
                 self._ros.get_logger().info(f"the input {port.name} is not used: {error.what}")
                 continue
             self._listeners.append(listener)
+            self._expected.append((topic, len(publishers(self._graph, topic)), listener))
             self._connections += listener_connections(self._graph, topic, listener)
             self._intra_process.add(name, self, port)
             if qos.reliability is ReliabilityPolicy.RELIABLE:
@@ -313,6 +318,7 @@ class NodeHost:
         for kept in (
             self._health_senders,
             self._listeners,
+            self._expected,
             self._connections,
             self._senders,
             self._latched,
@@ -461,6 +467,7 @@ class NodeHost:
         return self._thread.queue.inputs if self._thread is not None else ()
 
     def _beat(self) -> None:
+        self._lost = {topic: lost for topic, wanted, one in self._expected if (lost := one.lost(wanted))}
         if (thread := self.active_thread) is not None:
             thread.check_alive()
         elif self._supervisor is not None:
@@ -468,4 +475,4 @@ class NodeHost:
 
     def _report_active(self) -> None:
         if self._supervisor is not None:
-            self._supervisor.send(self.name, ACTIVE)
+            self._supervisor.send(self.name, ACTIVE, self._lost)

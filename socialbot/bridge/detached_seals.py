@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bridge.stream_watch import StreamKey
+from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ MAX_SEALS = 256  # seals that wait for their message; best-effort messages may b
 MAX_WAITING = 64  # messages that wait for their seal
 MAX_WAITING_BYTES = 64 * 2**20
 MISSING_S = 1.0  # time after which the message of a seal is missing
+LOST_MESSAGES = 5  # successive messages after which their publisher may be lost
+LOST_MATCHED_S = 60.0  # time for which those of a matched publisher must be missing: a bad link may lose images alone
 WORD_BYTES = 4
 
 
@@ -57,18 +59,33 @@ class MessageWatch:
     overlaps: bool = field(default=False, init=False)
     _missed_at: dict[StreamKey, float] = field(default_factory=dict, init=False)
     """Time of the first seal of a stream that came without a message."""
+    _missed: dict[StreamKey, tuple[float, float, int]] = field(default_factory=dict, init=False)
+    """First and last time of such seals since the last message of a stream, and their number."""
 
     def expect(self, stream: StreamKey) -> None:
         """Record a seal whose message has not arrived."""
-        self._missed_at.setdefault(stream, self.clock())
+        now = self.clock()
+        self._missed_at.setdefault(stream, now)
+        first, _, count = self._missed.pop(stream, (now, now, 0))
+        self._missed[stream] = first, now, count + 1
+        if len(self._missed) > MAX_STREAMS:
+            del self._missed[next(iter(self._missed))]
 
     def note(self, stream: StreamKey) -> None:
         """Record a message with its seal."""
         self._missed_at.pop(stream, None)
+        self._missed.pop(stream, None)
 
     def fault(self, publishers: int) -> str:
         missed = sum(self.clock() - at > MISSING_S for at in self._missed_at.values())
         return f"messages of {missed} publishers do not arrive, but their seals do" if missed else ""
+
+    def lost(self, publishers: int, wanted: int) -> int:
+        least_s, now = LOST_S if publishers < wanted else LOST_MATCHED_S, self.clock()
+        return sum(
+            last - first >= least_s and count >= LOST_MESSAGES and now - last < LOST_S
+            for first, last, count in self._missed.values()
+        )
 
     def begin_again(self) -> None:
         self._missed_at.clear()

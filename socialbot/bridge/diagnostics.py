@@ -93,7 +93,7 @@ class DiagnosticsSubscriber:
             self._opener.watch.has_foreign = True
         array = message_class("diagnostic_msgs/msg/DiagnosticArray")
         qos = observer_qos(latched=False)
-        self._listener = Listener(
+        self.listener = Listener(
             transport.watched(
                 ros, lambda: ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, qos), self._opener
             )
@@ -101,7 +101,7 @@ class DiagnosticsSubscriber:
 
     def destroy(self, ros: Any) -> None:
         """Remove the subscription from the node ``ros``."""
-        self._listener.destroy(ros)
+        self.listener.destroy(ros)
 
     def _receive(self, array: Any) -> None:
         for status in array.status:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bridge.diagnostics import (
+    DIAGNOSTICS_TOPIC,
     UNCONNECTED,
     Connection,
     DiagnosticsSubscriber,
@@ -24,11 +25,13 @@ from socialbot.bridge.run_announcer import locked_runs
 from socialbot.bridge.transport import Subscription, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
+from socialbot.graph.health import publishers
 from socialbot.graph.node import Graph, WireForm
 
 POLL_S = 0.02
 SPIN_PERIOD_S = 0.5
 DISCOVERY_S = 0.8
+LOST_CHECK_S = 1.0
 STATUS_PERIOD_S = 2.5  # maximum time between two statuses of a live node
 
 
@@ -67,12 +70,36 @@ class SpinWatch:
         self._silent_s = 0.0
 
 
+class LostWatch:
+    """Watch over ``observer``: how many publishers of ``graph`` it has ``lost``, by topic; see `Listener.lost`."""
+
+    def __init__(self, observer: GraphObserver, graph: Graph) -> None:
+        from rclpy.clock import Clock
+        from rclpy.clock_type import ClockType
+
+        self.lost: Mapping[str, int] = {}
+        self._expected = [
+            (topic, len(publishers(graph, topic)), each.listener) for topic, each in observer.subscriptions.items()
+        ]
+        self._expected.append((DIAGNOSTICS_TOPIC, len(graph.nodes), observer.diagnostics.listener))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = observer.ros.create_timer(LOST_CHECK_S, self._check, clock=clock)
+
+    def _check(self) -> None:
+        self.lost = {
+            topic: lost
+            for topic, wanted, listener in self._expected
+            if listener is not None and (lost := listener.lost(wanted))
+        }
+
+
 @dataclass(frozen=True)
 class GraphObserver:
-    """Observing rclpy node, and its subscriptions by topic."""
+    """Observing rclpy node, its subscriptions by topic, and that to /diagnostics."""
 
     ros: Any
     subscriptions: Mapping[str, Subscription[Any]]
+    diagnostics: DiagnosticsSubscriber
 
     def connections(self, graph: Graph) -> list[Connection]:
         """Connections of this observer to ``graph``."""
@@ -101,8 +128,7 @@ def observe_graph(
             take, late = functools.partial(observe, topic), topic in latched
             qos = observer_qos(latched=late)
             subscriptions[topic] = transport.subscribe(ros, topic, kind, take, qos=qos, latched=late)
-        DiagnosticsSubscriber(ros, on_status)
-        yield GraphObserver(ros, subscriptions)
+        yield GraphObserver(ros, subscriptions, DiagnosticsSubscriber(ros, on_status))
 
 
 def await_graph(

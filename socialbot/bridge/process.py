@@ -9,10 +9,11 @@ import os
 import socket
 import tempfile
 import threading
-from collections.abc import Collection, Iterable, Iterator, MutableMapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bridge import environment
 from socialbot.bridge.detached_seals import seal_topic
@@ -180,13 +181,23 @@ def _logging_to(hosts: Iterable[NodeHost]) -> Iterator[None]:
 
 CHANNEL_VARIABLE = "SOCIALBOT_LIFELINE"  # the environment variable with the file descriptor of the channel
 _MAX_BYTES = 4096
+_MAX_TOPICS = 12  # names of topics have up to 256 characters
+NOTHING_LOST: Mapping[str, int] = MappingProxyType({})
+
+
+class Report(NamedTuple):
+    """Report of a node: its state, and how many publishers it has lost, by topic."""
+
+    node: str
+    state: str
+    lost: Mapping[str, int] = NOTHING_LOST
 
 
 class SupervisorChannel:
     """One end of the channel between a node process and its supervisor, for node states and commands.
 
-    The ends are local sockets: private to both processes, and closed when either ends. A message is a node name and a
-    state; delivery is atomic.
+    The ends are local sockets: private to both processes, and closed when either ends. A message is a node name, a
+    state, and the numbers of lost publishers by topic; delivery is atomic.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -197,17 +208,21 @@ class SupervisorChannel:
         """The file descriptor, for ``select``."""
         return self._end.fileno()
 
-    def send(self, node: str, state: str, /) -> None:
-        """Send the state of ``node``; thread-safe. Never blocks: a full buffer drops the message."""
+    def send(self, node: str, state: str, lost: Mapping[str, int] = NOTHING_LOST, /) -> None:
+        """Send the state of ``node``; thread-safe. Never blocks: a full buffer drops the message.
+
+        ``lost`` counts lost publishers by topic; some topics suffice.
+        """
+        words = [node, state, *(f"{topic}:{count}" for topic, count in list(lost.items())[:_MAX_TOPICS])]
         try:
-            self._end.send(f"{node} {state}".encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            self._end.send(" ".join(words).encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
         except (BlockingIOError, InterruptedError):
             return
         except OSError:
             self.broken = True
 
-    def receive(self) -> list[tuple[str, str]]:
-        """Node names and states received since the last call; sets ``broken`` after a disconnect."""
+    def receive(self) -> list[Report]:
+        """Reports received since the last call; sets ``broken`` after a disconnect."""
         received = []
         while (message := self._receive(socket.MSG_DONTWAIT)) is not None:
             received.append(message)
@@ -215,13 +230,14 @@ class SupervisorChannel:
 
     def wait(self) -> tuple[str, str] | None:
         """Wait for the next node name and state; None after a disconnect."""
-        return self._receive(0)
+        report = self._receive(0)
+        return None if report is None else (report.node, report.state)
 
     def close(self) -> None:
         self.broken = True
         self._end.close()
 
-    def _receive(self, flags: int) -> tuple[str, str] | None:
+    def _receive(self, flags: int) -> Report | None:
         if self.broken:
             return None
         try:
@@ -233,8 +249,8 @@ class SupervisorChannel:
         if not data:
             self.broken = True
             return None
-        node, _, state = data.decode(errors="replace").partition(" ")
-        return node, state
+        node, state, *lost = data.decode(errors="replace").split(" ")
+        return Report(node, state, {topic: int(count) for topic, _, count in (one.rpartition(":") for one in lost)})
 
 
 def channel_pair() -> tuple[SupervisorChannel, socket.socket]:

@@ -4,6 +4,9 @@ DDS accepts packets from any sender. False HEARTBEATs and GAPs in the name of a 
 subscriptions that exist at that time, for good; false ACKNACKs in the name of a subscription stop the repair of lost
 ones. A new subscription receives messages again. So idle publishers with keys send sealed beacons, and a subscription
 that does not receive those of all its publishers, or loses messages for a time, is replaced.
+
+False packets of discovery can remove a publisher for a process, and its later subscriptions for the publisher. Only a
+new DDS participant, so a new process, receives its messages again. So processes count lost publishers.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ MAX_PAUSE_S = 2 * SILENT_S
 """Longest time (s) between two replacements of a subscription."""
 CHECK_S = 1.0
 """Shortest time (s) between two checks."""
+LOST_S = SILENT_S + BEACON_S
+"""Time (s) for which the same number of publishers must be missing: so long that a replacement would have helped."""
 MAX_STREAMS = 256
 
 StreamKey = tuple[str, str]
@@ -33,6 +38,10 @@ class Watch(Protocol):
 
     def fault(self, publishers: int) -> str:
         """Why the subscription, with a number of matched ``publishers``, misses messages; empty if it does not."""
+        ...
+
+    def lost(self, publishers: int, wanted: int) -> int:
+        """How many of the ``wanted`` publishers are lost. ``publishers`` are matched."""
         ...
 
     def begin_again(self) -> None:
@@ -68,6 +77,8 @@ class StreamWatch:
     _known: int = field(default=0, init=False)
     """Number of publishers with keys, as far as they were heard."""
     _publishers: int = field(default=0, init=False)
+    _missing: tuple[int, float] = field(default=(0, 0.0), init=False)
+    """Number of missing publishers, and since when."""
 
     def note(self, stream: StreamKey, number: int, *, is_beacon: bool) -> None:
         """Record a valid sealed message, the ``number``th of its ``stream``, or a beacon after it."""
@@ -83,8 +94,7 @@ class StreamWatch:
             del self._heard[next(iter(self._heard))]
 
     def fault(self, publishers: int) -> str:
-        now = self.clock()
-        heard = sum(now - at <= SILENT_S for at, _ in self._heard.values())
+        heard = self._heard_now()
         self._known = max(heard, self._known - max(0, self._publishers - publishers))
         self._publishers = publishers
         if self.expects_all and self._lost:
@@ -93,6 +103,16 @@ class StreamWatch:
             return f"messages are lost for {lost_s:.0f} s"
         silent = (min(self._known, publishers) if self.has_foreign else publishers) - heard
         return f"{silent} of {publishers} publishers are silent" if silent > 0 else ""
+
+    def lost(self, publishers: int, wanted: int) -> int:
+        now, missing = self.clock(), max(0, wanted - self._heard_now())
+        if missing != self._missing[0]:
+            self._missing = missing, now
+        return missing if now - self._missing[1] >= LOST_S else 0
+
+    def _heard_now(self) -> int:
+        now = self.clock()
+        return sum(now - at <= SILENT_S for at, _ in self._heard.values())
 
     def begin_again(self) -> None:
         self._heard.clear()
@@ -145,6 +165,10 @@ class WatchedSubscription:
         if not reason:
             self._pause_s = SILENT_S
         return reason if now - self._since >= self._pause_s else ""
+
+    def lost(self, wanted: int) -> int:
+        """How many of the ``wanted`` publishers with keys are lost: only another participant may receive them."""
+        return self._watch.lost(self.get_publisher_count(), wanted)
 
     def replace(self) -> None:
         """Subscribe again, and end the present subscription at a later check: meanwhile both receive.

@@ -298,6 +298,15 @@ def health_topics(graph: Graph, node: str) -> list[str]:
     return [HEALTH_TOPIC, own] if own in graph.topics() else [HEALTH_TOPIC]
 
 
+def publishers(graph: Graph, topic: str) -> list[str]:
+    """Names of the nodes that publish on ``topic``, also their health."""
+    return [
+        config.name
+        for config in graph.nodes
+        if topic in {name for name, _ in config.publications} or topic in health_topics(graph, config.name)
+    ]
+
+
 def ended(player: str, topics: tuple[str, ...], now: int) -> Health:
     """The health of a bag player at the end of the bag: silence on ``topics`` is then no fault."""
     return Health(stamp=now, node=player, state="ended", reason="the recording is over", outputs=topics)

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import math
 import select
+import signal
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -15,12 +16,13 @@ from typing import Any
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, status_of
 from socialbot.bridge.environment import remove_stale
-from socialbot.bridge.process import SupervisorChannel, channel_pair
+from socialbot.bridge.process import Report, SupervisorChannel, channel_pair
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import DeviceError, InstallationError, NodeError
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.runs.record import RunTrace
+from socialbot.runtime._lost_publishers import ACTIVE, RENEWAL_PAUSE_S, RunningNodes
 from socialbot.runtime._processes import (
     DOCUMENTED,
     Process,
@@ -147,7 +149,7 @@ class BringUp:
 
 log = logging.getLogger("socialbot.supervisor")
 
-ACTIVE, INACTIVE = "active", "inactive"  # reported node states: running, and configured
+INACTIVE = "inactive"  # reported state of a configured node
 ROTATE_EVERY_S = 5.0
 
 _LACKS = frozenset({InstallationError.exit_code, DeviceError.exit_code})  # exit codes without which others can go on
@@ -177,6 +179,10 @@ class Member:
     is_down: bool = False
     is_given_up: bool = False
     hung: str = ""
+    lost: dict[str, Mapping[str, int]] = field(default_factory=dict)
+    """How many publishers each of its nodes has lost, by topic."""
+    renewal: str = ""
+    """Topic for which it is started again with a new DDS participant."""
     started: float = 0.0
     due: float | None = None
     last_error: str = ""
@@ -220,6 +226,7 @@ class Supervisor:
         self._variables = variables
         self._file = folder / "graph.yaml"
         self._bring_up = BringUp((), self._activate, 0.0)
+        self.running = RunningNodes(graph)
         own = {config.name for config in graph.nodes} if nodes is None else set(nodes)
         self.members = {
             name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in well)
@@ -269,6 +276,10 @@ class Supervisor:
                 elif not member.hung and (hung := self._hung(member, now)):
                     member.hung = hung
                     member.process.kill()
+                elif not member.renewal and now - member.started >= RENEWAL_PAUSE_S:
+                    member.renewal = next(filter(None, map(self.running.lost, member.lost.values())), "")
+                    if member.renewal:
+                        member.process.send_signal(signal.SIGINT)
             elif member.due is not None and now >= member.due:
                 self._restart(member, now)
         if self.members and all(member.state == "given up" for member in self.members.values()):
@@ -329,8 +340,9 @@ class Supervisor:
                 channel=theirs.fileno(),
             )
         now = time.monotonic()
-        member.channel, member.due, member.hung = channel, None, ""
+        member.channel, member.due, member.hung, member.renewal = channel, None, "", ""
         member.started = now
+        member.lost.clear()
         member.states.clear()
         member.waits.clear()
         member.reported_at = dict.fromkeys(member.nodes, now)
@@ -346,8 +358,8 @@ class Supervisor:
             time.sleep(wait_s)
             return
         for channel in select.select(list(channels), [], [], wait_s)[0]:
-            for node, state in channel.receive():
-                self._note(channels[channel], node, state)
+            for report in channel.receive():
+                self._note(channels[channel], report)
 
     def _go_on_bringing_up(self, now: float) -> None:
         members = self.members.values()
@@ -360,7 +372,10 @@ class Supervisor:
             if node in member.nodes and member.channel is not None:
                 member.channel.send(node, ACTIVE)
 
-    def _note(self, member: Member, node: str, state: str) -> None:
+    def _note(self, member: Member, report: Report) -> None:
+        node, state, lost = report
+        self.running.note(node, state)
+        member.lost[node] = lost
         if state == INACTIVE and member.restarts and node not in member.states:
             self._activate(node)
         member.reported_at[node] = time.monotonic()
@@ -397,6 +412,12 @@ class Supervisor:
         self._part(member)
         remove_stale()
         file = log_file(self._folder, member.name)
+        if member.renewal:
+            what = f"does not receive {member.renewal} any more"
+            member.last_error, member.is_down, member.due = what, True, now
+            member.restarts += 1
+            log.warning("%s %s; started again with a new DDS participant (no. %d)", member.name, what, member.restarts)
+            return
         if code == 0:
             log.warning("%s has ended", member.name)
             return

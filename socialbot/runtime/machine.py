@@ -15,7 +15,7 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
-from socialbot.bridge.graph_observer import SpinWatch, expect_free_names, observe_graph
+from socialbot.bridge.graph_observer import LostWatch, SpinWatch, expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
 from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
@@ -24,6 +24,7 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
+from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
@@ -66,8 +67,8 @@ class LiveSource(RunSource):
         while not execution.ending.asked:
             up = _NodesUp(self, execution, watch, well)
             with self.services(), run_lock(up.run), closing(up):
-                while not up.attend():
-                    log.error("DDS does not answer this process, which observes the graph anew; see docs/security.md")
+                while fault := up.attend():
+                    log.error("%s; it observes the graph anew; see docs/security.md", fault)
             well = up.supervisor.well
             if not execution.ending.asked:
                 log.warning("restart everything: a service came up after the start")
@@ -96,11 +97,11 @@ class _NodesUp:
             well=well or (),
         )
 
-    def attend(self) -> bool:
+    def attend(self) -> str:
         """Observe the nodes, which are started unless they run, until all shall end.
 
         Returns:
-            False if DDS blocks the observer. The nodes go on then, without an observer.
+            Why DDS gives the observer nothing, if so. The nodes go on then, without an observer.
         """
         graph, source, ending = self._graph, self._source, self._execution.ending
         self._observers += 1
@@ -119,7 +120,7 @@ class _NodesUp:
                 ends.enter_context(self.supervisor)
             else:
                 ends.push(self.supervisor)
-            spin = SpinWatch(observer.ros)
+            spin, lost, begun = SpinWatch(observer.ros), LostWatch(observer, graph), time.monotonic()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
             while not (ending.asked or restarted(self.supervisor, self._begun, source.missed())):
@@ -128,12 +129,16 @@ class _NodesUp:
                 if spin.is_blocked():
                     give_up(observer.ros)
                     ends.pop_all()
-                    return False
+                    return "DDS does not answer this process"
+                is_due = time.monotonic() - begun >= RENEWAL_PAUSE_S
+                if is_due and (topic := self.supervisor.running.lost(lost.lost)):
+                    ends.pop_all()
+                    return f"this process does not receive {topic} any more"
                 diagnostics.publish()
                 record_diagnostics.publish()
                 announcer.announce()
                 self._watch.check()
-        return True
+        return ""
 
     def close(self) -> None:
         """End the nodes, if that was not done before."""
@@ -145,6 +150,8 @@ class _NodesUp:
             self._execution.record.note_node(now, name, values)
             if (health := health_in(name, values, now, self._outputs[name])) is not None:
                 self._execution.observe(HEALTH_TOPIC, health)
+            if self._source.nodes is not None and name not in self._source.nodes:  # the others report directly
+                self.supervisor.running.note(name, values.get("state", ""))
 
 
 def restarted(supervisor: Supervisor, begun: float, missed: tuple[float, float] | None) -> bool:

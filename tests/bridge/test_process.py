@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.bridge import environment, process
-from socialbot.bridge.process import CHANNEL_VARIABLE, SupervisorChannel, channel_pair, own_channel
+from socialbot.bridge.process import CHANNEL_VARIABLE, Report, SupervisorChannel, channel_pair, own_channel
 from socialbot.bridge.run_announcer import locked_runs, run_lock
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.speaker import Speaker
@@ -34,7 +34,12 @@ def test_messages_arrive_in_order(ends):
     assert ours.receive() == []
     theirs.send("head", "starting")
     theirs.send("head", "active")
-    assert ours.receive() == [("head", "starting"), ("head", "active")]
+    theirs.send("head", "active", {"/speech/say": 1, "/health": 3})
+    assert ours.receive() == [
+        Report("head", "starting"),
+        Report("head", "active"),
+        Report("head", "active", {"/speech/say": 1, "/health": 3}),
+    ]
     ours.send("head", "deactivate")
     assert theirs.wait() == ("head", "deactivate")
 
@@ -43,10 +48,20 @@ def test_a_channel_is_broken_when_the_other_end_is_closed(ends):
     ours, theirs = ends
     theirs.send("head", "active")
     theirs.close()
-    assert ours.receive() == [("head", "active")]
+    assert ours.receive() == [Report("head", "active")]
     assert ours.broken
     assert ours.wait() is None
     ours.send("head", "deactivate")
+
+
+def test_any_number_of_lost_publishers_fits_into_a_report(ends):
+    ours, theirs = ends
+    lost = {f"/{number:0255}": number for number in range(100)}
+    theirs.send(64 * "h", "active", lost)
+    (report,) = ours.receive()
+    assert report.node == 64 * "h"
+    assert report.lost
+    assert report.lost.items() <= lost.items()
 
 
 def test_sending_never_blocks(ends):
@@ -68,7 +83,7 @@ def test_a_process_takes_its_channel_from_the_environment():
     assert environment == {}
     assert not os.get_inheritable(number)
     theirs.send("head", "active")
-    assert ours.receive() == [("head", "active")]
+    assert ours.receive() == [Report("head", "active")]
     theirs.close()
     ours.close()
     assert own_channel({}) is None

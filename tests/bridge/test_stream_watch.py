@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from socialbot.bridge.detached_seals import MISSING_S, MessageWatch
+from socialbot.bridge.detached_seals import LOST_MATCHED_S, LOST_MESSAGES, MISSING_S, MessageWatch
 from socialbot.bridge.stream_watch import (
     CHECK_S,
+    LOST_S,
     MAX_PAUSE_S,
     MAX_STREAMS,
     SILENT_S,
@@ -162,6 +163,34 @@ class TestStreamWatch:
         time.passes(0.1)
         assert watch.fault(1) == ""
 
+    def test_a_publisher_that_a_replacement_does_not_bring_back_is_lost(self, watch, time):
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.note(OTHER, 1, is_beacon=False)
+        assert watch.lost(2, 2) == 0
+        lost = []
+        for second in range(30):
+            watch.note(ROBOT, 2 + second, is_beacon=False)
+            if second == 7:
+                watch.begin_again()
+                assert watch.lost(2, 2) == 0
+                watch.note(ROBOT, 2 + second, is_beacon=False)
+            lost.append(watch.lost(1, 2))
+            time.passes(1.0)
+        assert lost == 15 * [0] + 15 * [1]
+        watch.note(OTHER, 2, is_beacon=True)
+        assert watch.lost(1, 2) == 0
+
+    def test_a_publisher_that_was_never_heard_is_lost(self, watch, time):
+        assert (watch.lost(0, 0), watch.lost(0, 1)) == (0, 0)
+        time.passes(LOST_S)
+        assert watch.lost(0, 1) == 1
+
+    def test_more_publishers_than_wanted_are_no_loss(self, watch, time):
+        watch.note(ROBOT, 1, is_beacon=False)
+        assert watch.lost(1, 0) == 0
+        time.passes(LOST_S)
+        assert watch.lost(1, 0) == 0
+
     def test_memory_is_bounded(self, watch):
         for number in range(2 * MAX_STREAMS):
             watch.note(("robot", str(number)), 1, is_beacon=False)
@@ -187,6 +216,35 @@ class TestMessageWatch:
         watch.begin_again()
         time.passes(2 * MISSING_S)
         assert watch.fault(1) == ""
+
+    @pytest.mark.parametrize(("publishers", "least_s"), [(0, LOST_S), (1, LOST_MATCHED_S)])
+    def test_a_publisher_whose_seals_alone_arrive_is_lost(self, time, publishers, least_s):
+        watch = MessageWatch(time)
+        for _ in range(round(least_s)):
+            watch.expect(ROBOT)
+            time.passes(1.0)
+            assert watch.lost(publishers, 1) == 0
+        watch.begin_again()
+        watch.expect(ROBOT)
+        assert watch.lost(publishers, 1) == 1
+        watch.note(ROBOT)
+        assert watch.lost(publishers, 1) == 0
+
+    def test_single_messages_of_long_ago_are_no_loss(self, time):
+        watch = MessageWatch(time)
+        for _ in range(LOST_MESSAGES - 1):
+            watch.expect(ROBOT)
+            assert watch.lost(1, 1) == 0
+            time.passes(3600.0)
+        watch.expect(ROBOT)
+        time.passes(LOST_S)
+        assert watch.lost(1, 1) == 0
+
+    def test_memory_is_bounded(self, time):
+        watch = MessageWatch(time)
+        for number in range(2 * MAX_STREAMS):
+            watch.expect(("robot", str(number)))
+        assert len(watch._missed) == MAX_STREAMS
 
 
 class TestWatchedSubscription:

@@ -20,7 +20,7 @@ import pytest
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.runtime import _processes
+from socialbot.runtime import _lost_publishers, _processes, launch
 from socialbot.runtime._processes import ProcessorWaits, RestartPolicy
 from socialbot.runtime.fork_server import ForkServer
 from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, STARVED_LIMITS, Supervisor
@@ -110,6 +110,36 @@ def test_renews_processes_started_between_two_times(scripts: dict[str, str], tmp
         assert supervisor.pids["two"] == before["two"]
         assert supervisor.pids["one"] != before["one"]
         assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
+
+
+@pytest.mark.parametrize("ends", ["sys.exit(0)", "os._exit(9)"])
+def test_a_process_that_lost_a_running_publisher_is_started_again(
+    scripts: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    ends: str,
+) -> None:
+    """It is asked to end, for that a node can stop its actuator. Restarts are not counted as crashes."""
+    monkeypatch.setattr(launch, "RENEWAL_PAUSE_S", 0.2)
+    monkeypatch.setattr(_lost_publishers, "STEADY_S", 0.2)
+    scripts["two"] = f"""
+import signal
+def end(*_): {ends}
+signal.signal(signal.SIGINT, end)
+while True:
+    say("active /health:1")
+    time.sleep(0.05)
+"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "active" and two.restarts > POLICY.times)
+        assert (one.restarts, two.is_given_up) == (0, False)
+        assert two.last_error == "does not receive /health any more"
+        scripts["two"] = WELL
+        assert attended(supervisor, lambda: not two.lost.get("two", True) and two.state == "active")
+    expected = "two does not receive /health any more; started again with a new DDS participant (no. 1)"
+    assert caplog.records[0].getMessage() == expected
 
 
 def test_a_documented_error_ends_only_a_first_start(scripts: dict[str, str], tmp_path: Path) -> None:

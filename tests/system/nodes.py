@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Image, PersonDetections
+from socialbot.core.messages import Image, PersonDetections, Utterance
 from socialbot.graph.node import Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
@@ -32,6 +32,18 @@ class Detector(Node):
         )
 
     def look(self, image: Image) -> None: ...
+
+
+class Talker(Node):
+    """Publishes a sentence each half second."""
+
+    say = Output(Utterance, "/speech/say")
+    count = 0
+
+    def start(self) -> None:
+        self.call_after(0.5, self.start)
+        self.count += 1
+        self.say.publish(Utterance(stamp=self.clock.now(), id=f"{self.clock.now()}", text=f"word {self.count}"))
 
 
 class RaisingDetector(Detector):

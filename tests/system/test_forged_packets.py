@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -171,6 +172,44 @@ inputs: [/speech/say]
 nodes:
   speech: {type: speaker, parameters: {playback: 'off'}}
 """
+
+
+TALKING = """
+name: talking
+nodes:
+  talker: {type: 'tests.system.nodes:Talker'}
+  speech: {type: speaker, parameters: {playback: 'off'}}
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["removed_publishers", "removed_subscriptions"])
+def test_processes_that_lose_a_running_publisher_are_restarted(name: str, tmp_path: Path) -> None:
+    """False news of discovery separates two processes for good. The launcher observes the graph anew."""
+    new_key("robot", tmp_path / "keys")
+    (tmp_path / "talking.yaml").write_text(TALKING)
+    own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
+    shown = tmp_path / "up.log"
+    with two_hosts() as hosts, ExitStack() as scripts:
+        arguments = ("up", str(tmp_path / "talking.yaml"), "--out", str(tmp_path / "run"))
+        up = scripts.enter_context(script(hosts.robot, UP, shown, own, *arguments))
+        assert eventually(lambda: "says" in shown.read_text()), shown.read_text()
+        attack(hosts.workstation, name, tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
+        begun = time.monotonic()
+        again = "started again with a new DDS participant", "observes the graph anew"
+        assert eventually(lambda: any(text in shown.read_text() for text in again)), shown.read_text()
+        if name == "removed_publishers":  # for all processes
+            assert eventually(lambda: all(text in shown.read_text() for text in again)), shown.read_text()
+            assert eventually(lambda: "speech is back" in shown.read_text()), shown.read_text()
+        said = shown.read_text().count("says")
+        assert eventually(lambda: shown.read_text().count("says") > said + 2), shown.read_text()
+        print(f"back after {time.monotonic() - begun:.1f} s")
+        assert "no. 2" not in shown.read_text()
+
+        up.terminate()
+        assert eventually(lambda: up.poll() is not None), shown.read_text()
+        assert up.returncode == 0, shown.read_text()
 
 
 @pytest.mark.ros

@@ -1,0 +1,61 @@
+"""Decide whether a process has lost publishers that run, and needs a new DDS participant.
+
+False packets of discovery, in the name of a participant, remove its publishers or subscriptions in another process for
+good. Nodes report lost publishers, whose sealed messages they do not receive even after they have subscribed again. A
+publisher that does not run, or whose machine cannot be reached, is missed for a better reason.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC
+from socialbot.bridge.stream_watch import LOST_S, SILENT_S
+from socialbot.graph.health import publishers
+from socialbot.graph.node import Graph
+
+ACTIVE = "active"
+FRESH_S = 3.0
+"""Longest time (s) between two reports of a running node; on /diagnostics they come once a second."""
+STEADY_S = LOST_S + SILENT_S
+"""Time (s) after which others should have heard a running node."""
+RENEWAL_PAUSE_S = 30.0
+"""Shortest life (s) of a participant that is replaced: a flood of false packets goes on."""
+
+
+@dataclass
+class RunningNodes:
+    """Nodes of ``graph`` that run, on all machines."""
+
+    graph: Graph
+    clock: Callable[[], float] = time.monotonic
+    _seen: dict[str, tuple[float, float]] = field(default_factory=dict, init=False)
+    """Since when each node has been active, and its last report."""
+
+    def note(self, node: str, state: str) -> None:
+        """Note a report of ``node``. Thread-safe."""
+        now = self.clock()
+        since, last = self._seen.get(node, (now, now))
+        if state == ACTIVE:
+            self._seen[node] = (since if now - last <= FRESH_S else now), now
+        else:
+            self._seen.pop(node, None)
+
+    def lost(self, lost: Mapping[str, int]) -> str:
+        """Return a topic of whose publishers, ``lost`` by topic, at least one runs; empty if there is none."""
+        for topic, count in lost.items():
+            names = self._publishers(topic)
+            if count > sum(not self._runs(name) for name in names):
+                return topic
+        return ""
+
+    def _publishers(self, topic: str) -> list[str]:
+        if topic == DIAGNOSTICS_TOPIC:
+            return [config.name for config in self.graph.nodes]
+        return publishers(self.graph, topic)
+
+    def _runs(self, node: str) -> bool:
+        since, last = self._seen.get(node, (0.0, -FRESH_S))
+        return last - since >= STEADY_S and self.clock() - last <= FRESH_S
