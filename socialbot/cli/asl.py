@@ -164,25 +164,30 @@ def run(
 def check(
     files: FilesArgument, actions: ActionsOption = None, include: IncludeOption = None, root: RootOption = None
 ) -> None:
-    """Check programs without running them. Exit code 4: there are errors."""
-    from socialbot.bdi.agentspeak import AgentSpeakError, parse
-    from socialbot.bdi.agentspeak.loading import check as problems_in
-    from socialbot.bdi.agentspeak.loading import needs_of, warnings_of
-    from socialbot.bdi.agentspeak.programs import read_text
+    """Check programs without running them, or all of a project. Exit code 4: there are errors."""
+    from socialbot.bdi.agentspeak import AgentSpeakError, read_program
+    from socialbot.bdi.agentspeak.loading import needs_of, problems_of, warnings_of
 
     _import_actions(actions)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     paths = _include_paths(include, root)
+    if any(file.suffix == ".mas2j" for file in files):
+        project = _project(files, None)
+        paths = replace(paths, folders=(*project.folders, *paths.folders))
+        files = list(dict.fromkeys(agent.file for agent in project.agents))
     failed, warned = False, set[str]()
     for file in files:
-        text = read_text(file)
-        problems = problems_in(text, str(file), paths)
+        program, problems = None, []
+        try:
+            program = read_program(file, paths)
+            problems = problems_of(program)
+        except AgentSpeakError as problem:
+            problems = [problem]
         for problem in problems:
             errors.print(Text.assemble(("error: ", "bold red"), str(problem)), soft_wrap=True)
         failed = failed or bool(problems)
-        if not problems:
+        if program is not None and not problems:
             name = f"{file}: " if len(files) > 1 else ""
-            program = parse(text, str(file), paths)
             console.print(f"{name}ok: {_summary(program)}", soft_wrap=True, markup=False)
             if needs := needs_of(program):
                 console.print(f"{name}needs actions in Python: {', '.join(needs)}", soft_wrap=True, markup=False)

@@ -338,3 +338,14 @@ def test_agents_create_agents_from_files(written):
     ended = socialbot("run", files[0])
     assert ended.stdout == "[bob] on\n"
     assert ended.stderr == ""
+
+
+def test_check_reads_all_programs_of_a_project(written, tmp_path):
+    written(a="!g. +!g <- .prnt(1).", b="n(1).")
+    project = tmp_path / "p.mas2j"
+    project.write_text("MAS p { environment: house.HouseEnv agents: a #2; b; c b.asl; }")
+    ended = socialbot("check", str(project))
+    assert (ended.returncode, ended.stdout) == (4, f"{tmp_path / 'b.asl'}: ok: 0 plans, 1 belief, 0 goals\n")
+    assert ended.stderr.count("error: ") == 1
+    assert f"{tmp_path / 'a.asl'}:1:" in ended.stderr
+    assert socialbot("check", str(project), str(tmp_path / "b.asl")).returncode == 4
