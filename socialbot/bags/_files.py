@@ -11,11 +11,12 @@ import contextlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Protocol
 
 from lz4.frame import LZ4FrameDecompressor
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat, Qos
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import reader as ros1_reader
 from rosbags.rosbag2 import Reader as Ros2Reader
@@ -23,6 +24,7 @@ from rosbags.rosbag2 import reader as ros2_reader
 from rosbags.rosbag2 import storage_mcap
 
 from socialbot.bags.repair import salvage, with_profile_of_ros2
+from socialbot.bags.writer import qos_of
 from socialbot.core.errors import BagError
 from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_FILE_BYTES, BAG_RATIO, TEXT_BYTES
 from socialbot.core.paths import decoded, read_bytes
@@ -113,9 +115,23 @@ def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
     return MessageDefinition(format, schema.data if schema and format is not MessageDefinitionFormat.NONE else "")
 
 
+_qos_of_ros2 = storage_mcap.get_qos
+
+
+def _offered_qos(metadata: bytes) -> list[Qos]:
+    """QoS profiles of a channel of an .mcap file; converters of ROS 1 bags write ``latching`` instead."""
+    found, file = _qos_of_ros2(metadata), BytesIO(metadata)
+    while not found and file.tell() < len(metadata):
+        key, value = storage_mcap.read_string(file), storage_mcap.read_string(file)
+        if (key, value) == ("latching", "1"):
+            found = [qos_of(latched=True)]
+    return found
+
+
 def install() -> None:
     """Make the readers of rosbags use bounded decompressors, and accept .mcap files with topics in other encodings."""
     storage_mcap.get_msgdef = _definition
+    storage_mcap.get_qos = _offered_qos
     storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
     storage_mcap.DECOMPRESSORS["zstd"] = _of_chunk(_zstd_decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = _of_chunk(LZ4FrameDecompressor)

@@ -117,7 +117,7 @@ class BagWriter:
             raise self._failed(error) from error
 
     def _add(self, topic: str, type_name: str, latched: bool, type_hash: str, definition: str) -> Connection:
-        qos = [_qos(latched)]
+        qos = [qos_of(latched)]
         types = types_with(type_name)
         if type_name in types.fielddefs:
             connection = self._writer.add_connection(topic, type_name, typestore=types, offered_qos_profiles=qos)
@@ -135,7 +135,8 @@ class BagWriter:
         )
 
 
-def _qos(latched: bool) -> Qos:
+def qos_of(latched: bool) -> Qos:
+    """Profile of a recorded topic."""
     never = QosTime(0, 0)
     return Qos(
         history=QosHistory.KEEP_LAST,

@@ -28,6 +28,9 @@ POLL_S = 0.05
 _MOST_TRANSFORMS = 300
 """Messages of transforms that are kept for the pose of a camera."""
 
+_STREAMS = (Image, CompressedImage)
+"""Messages that come one after the other, each with a stamp of its own."""
+
 _NEWEST = 2**63
 """Stamp after those of all transforms."""
 
@@ -98,7 +101,7 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
         return
 
     def keep(message: Any) -> None:
-        if len(heard) < (_MOST_TRANSFORMS if each.places else 1):
+        if len(heard) < (_MOST_TRANSFORMS if each.places else _expected(each)):
             heard.append(message)
 
     ros.create_subscription(
@@ -106,6 +109,11 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
     )
     if each.places:
         ros.create_subscription(kind, "/tf", keep, qos_profile_sensor_data)
+
+
+def _expected(each: Requirement) -> int:
+    """The number of messages by which a topic is judged."""
+    return 2 if each.message in _STREAMS else 1
 
 
 def _endpoints(ros: Any, each: Requirement) -> list[Any]:
@@ -140,7 +148,7 @@ def _is_there(ros: Any, each: Requirement, heard: dict[Requirement, list[Any]]) 
         return True
     if each.places:
         return isinstance(camera_placement(each.places, _images_of(each, heard), heard[each]), CameraPose)
-    return bool(heard[each])
+    return len(heard[each]) >= _expected(each)
 
 
 def _is_installed(each: Requirement) -> bool:
@@ -195,6 +203,8 @@ def _finding(
         text, problem = f"{text}: camera {placed}", placed if isinstance(placed, tuple) else None
     else:
         problem = _joints_problem(each, first) if each.joints else _content_problem(each, first)
+        if problem is None and each.message in _STREAMS:
+            problem = _stream_problem(heard[each])
     if problem is not None:
         return Finding(each.part, bad, f"{each.name} {problem[0]}", problem[1])
     if hasattr(first, "encoding"):
@@ -232,6 +242,17 @@ def _content_problem(each: Requirement, message: Any) -> Problem | None:
     except SocialbotError as error:
         return f"cannot be used: {error.what}", error.remedy or "check the driver"
     return None
+
+
+def _stream_problem(messages: Sequence[Any]) -> Problem | None:
+    """Find out whether messages are no stream: it has stamps, which differ."""
+    if len(messages) < 2:
+        return "comes once only", "check the frame rate of the driver: a graph needs a stream of images"
+    first, second = ((message.header.stamp.sec, message.header.stamp.nanosec) for message in messages[:2])
+    remedy = "set header.stamp in the driver to the time of each exposure"
+    if first == (0, 0):
+        return "has no time: header.stamp is 0", remedy
+    return (f"has the same time twice: header.stamp is {first[0]}.{first[1]:09}", remedy) if first == second else None
 
 
 def camera_placement(topic: str, images: Sequence[Any], transforms: Sequence[Any]) -> CameraPose | Problem:

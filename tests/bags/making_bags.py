@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -91,17 +91,23 @@ def make_ros1(path: Path, count: int = 10) -> Path:
     return path
 
 
-def make_mcap(path: Path, profile: str, channels: Sequence[tuple[str, str, str, bytes, str, Sequence[bytes]]]) -> Path:
+def make_mcap(
+    path: Path,
+    profile: str,
+    channels: Sequence[tuple[str, str, str, bytes, str, Sequence[bytes]]],
+    metadata: Mapping[str, str] | None = None,
+) -> Path:
     """An .mcap file without index, of channels: topic, type, language of the schema, schema, encoding, messages."""
 
     def text(content: str | bytes) -> bytes:
         data = content.encode() if isinstance(content, str) else content
         return struct.pack("<I", len(data)) + data
 
+    notes = b"".join(text(each) for pair in (metadata or {}).items() for each in pair)
     records = [(1, text(profile) + text("recorder of others"))]
     for number, (topic, kind, language, schema, encoding, _) in enumerate(channels, 1):
         records.append((3, struct.pack("<H", number) + text(kind) + text(language) + text(schema)))
-        records.append((4, struct.pack("<HH", number, number) + text(topic) + text(encoding) + text("")))
+        records.append((4, struct.pack("<HH", number, number) + text(topic) + text(encoding) + text(notes)))
     messages = [(time, number, data) for number, channel in enumerate(channels, 1)
                 for time, data in zip(times(len(channel[5])), channel[5], strict=True)]  # fmt: skip
     records += [(5, struct.pack("<HIQQ", number, 0, time, time) + data) for time, number, data in sorted(messages)]

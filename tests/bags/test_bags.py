@@ -156,6 +156,13 @@ def test_mcap_files_of_other_recorders(tmp_path: Path, encoding: str, profile: s
         assert len(list(bag.messages({RAW: RAW}))) in (2, 3)
 
 
+@pytest.mark.parametrize(("latching", "latched"), [("1", True), ("0", False), ("", False)])
+def test_latched_topics_of_converted_ros1_bags(tmp_path: Path, latching: str, latched: bool) -> None:
+    metadata = {"callerid": "/driver", "latching": latching} if latching else {}
+    with open_bag(make_mcap(tmp_path / "old.mcap", "ros1", [channel("ros1")], metadata)) as bag:
+        assert bag.is_latched(RAW) is latched
+
+
 def test_mcap_file_without_messages_of_ros(tmp_path: Path) -> None:
     path = make_mcap(tmp_path / "run.mcap", "", [PROTOBUF])
     with pytest.raises(BagError, match="no ROS messages: its topics are encoded as protobuf") as caught:

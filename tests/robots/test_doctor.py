@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from socialbot.graph.services import Client
 from socialbot.robots.profile import load_profile, parse_profile
 from socialbot.robots.requirements import Requirement, graph_requirements, requirements
 from socialbot.vision.camera import CameraPose
+from socialbot.vision.images import encode_jpeg
 from tests.robots.daemon_server import DaemonServer, running_daemon
 from tests.system.running import socialbot_here
 
@@ -299,6 +301,43 @@ class TestOverDds:
             "/joints has no position of pan, tilt",
         ]
         assert all(remedy for *_, remedy in found)
+
+    def test_images_without_a_stream_are_told(self):
+        from builtin_interfaces.msg import Time
+        from sensor_msgs.msg import CompressedImage
+        from std_msgs.msg import Header
+
+        from socialbot.bridge.environment import spinning_node
+        from socialbot.core import messages
+
+        jpeg, ticks, shown = encode_jpeg(np.zeros((8, 8, 3), np.uint8), 90), itertools.count(1), []
+
+        def picture(stamp: Time) -> CompressedImage:
+            return CompressedImage(header=Header(stamp=stamp), format="jpeg", data=jpeg)
+
+        with spinning_node("driver") as ros:
+            names = ("/still", "/unset", "/stuck", "/well")
+            still, unset, stuck, well = (ros.create_publisher(CompressedImage, name, 5) for name in names)
+
+            def show_once() -> None:
+                if not shown and still.get_subscription_count():
+                    shown.append(still.publish(picture(Time(sec=7))))
+
+            ros.create_timer(0.02, show_once)
+            ros.create_timer(0.02, lambda: unset.publish(picture(Time())))
+            ros.create_timer(0.02, lambda: stuck.publish(picture(Time(sec=7, nanosec=5))))
+            ros.create_timer(0.02, lambda: well.publish(picture(Time(sec=next(ticks)))))
+            kind = "sensor_msgs/msg/CompressedImage"
+            needed = [
+                Requirement("camera", "publisher", name, kind, message=messages.CompressedImage) for name in names
+            ]
+            found = self.findings(*needed, timeout_s=3.0)
+        assert [(state, text) for state, text, _ in found] == [
+            ("error", "/still comes once only"),
+            ("error", "/unset has no time: header.stamp is 0"),
+            ("error", "/stuck has the same time twice: header.stamp is 7.000000005"),
+            ("ok", "/well, by /driver"),
+        ]
 
 
 @pytest.mark.parametrize(
