@@ -173,9 +173,12 @@ def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection
     return Connection(topic, subscribers, publisher.get_subscription_count, publisher)
 
 
-def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
-    """Connection of an rclpy subscription to its publishers in ``graph``."""
-    publishers = sum(topic == name for node in graph.nodes for name, _ in node.publications)
+def subscription_connection(
+    graph: Graph, topic: str, subscription: Any, nodes: Collection[str] | None = None
+) -> Connection:
+    """Connection of an rclpy subscription to its publishers in ``graph``, or to those of these ``nodes``."""
+    publishing = [node for node in graph.nodes if nodes is None or node.name in nodes]
+    publishers = sum(topic == name for node in publishing for name, _ in node.publications)
     return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 

@@ -101,9 +101,9 @@ class GraphObserver:
     subscriptions: Mapping[str, Subscription[Any]]
     diagnostics: DiagnosticsSubscriber
 
-    def connections(self, graph: Graph) -> list[Connection]:
-        """Connections of this observer to ``graph``."""
-        return [subscription_connection(graph, topic, one.endpoint) for topic, one in self.subscriptions.items()]
+    def connections(self, graph: Graph, nodes: Collection[str] | None = None) -> list[Connection]:
+        """Connections of this observer to ``graph``, or to these ``nodes``."""
+        return [subscription_connection(graph, topic, one.endpoint, nodes) for topic, one in self.subscriptions.items()]
 
 
 @contextmanager

@@ -93,7 +93,7 @@ class Launch:
         return {name: process.pid for name, process in self._processes.items()}
 
 
-CONFIGURED_S = 10.0  # time limit for all nodes to be configured; then the configured ones start
+CONFIGURED_S = 10.0  # time limit for all nodes to be configured and observed; then the configured ones start
 ACTIVE_S = 1.0  # time limit for a node to become active before the next one is activated
 
 
@@ -119,19 +119,33 @@ def sinks_first(graph: Graph) -> list[str]:
 
 
 class BringUp:
-    """Bring-up sequence: calls ``activate`` for the nodes in ``order``, one after the other. Times are in s."""
+    """Bring-up sequence: calls ``activate`` for the nodes in ``order``, one after the other. Times are in s.
 
-    def __init__(self, order: Collection[str], activate: Callable[[str], None], now: float) -> None:
+    ``is_observed`` tells whether the recorder is connected to nodes.
+    """
+
+    def __init__(
+        self,
+        order: Collection[str],
+        activate: Callable[[str], None],
+        now: float,
+        is_observed: Callable[[Collection[str]], bool] = lambda nodes: True,
+    ) -> None:
         self._waiting = list(order)
         self._activate = activate
         self._begun = now
+        self._is_observed = is_observed
         self._asked = ""
         self._asked_at = now
 
     def look(self, inactive: Collection[str], dead: Collection[str], now: float) -> None:
-        """Activate further nodes if possible. ``inactive`` nodes are configured, ``dead`` ones are skipped."""
+        """Activate further nodes if possible. ``inactive`` nodes are configured, ``dead`` ones are skipped.
+
+        The first one waits until all are configured and observed, up to `CONFIGURED_S`.
+        """
         self._waiting = [name for name in self._waiting if name not in dead]
-        if not self._asked and set(self._waiting) - set(inactive) and now < self._begun + CONFIGURED_S:
+        is_early = not self._asked and now < self._begun + CONFIGURED_S
+        if is_early and (set(self._waiting) - set(inactive) or not self._is_observed(self._waiting)):
             return
         while self._waiting and not self._is_busy(inactive, dead, now):
             name = self._asked = self._waiting.pop(0)
@@ -227,6 +241,8 @@ class Supervisor:
         self._file = folder / "graph.yaml"
         self._bring_up = BringUp((), self._activate, 0.0)
         self.running = RunningNodes(graph)
+        self.is_observed: Callable[[Collection[str]], bool] = lambda nodes: True
+        """Whether the recorder is connected to nodes, which become active after that, or after `CONFIGURED_S`."""
         own = {config.name for config in graph.nodes} if nodes is None else set(nodes)
         self.members = {
             name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in well)
@@ -240,7 +256,7 @@ class Supervisor:
         self._file = write_graph(self._graph, self._folder)
         own = {node for member in self.members.values() for node in member.nodes}
         order = [node for node in sinks_first(self._graph) if node in own]
-        self._bring_up = BringUp(order, self._activate, time.monotonic())
+        self._bring_up = BringUp(order, self._activate, time.monotonic(), self.is_observed)
         try:
             for member in self.members.values():
                 self._start(member)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in
+from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in, unconnected
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
 from socialbot.bridge.graph_observer import LostWatch, SpinWatch, expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
@@ -116,6 +116,7 @@ class _NodesUp:
             if self._is_first and self._observers == 1:  # a duplicate that appears later is only logged
                 expect_free_names(observer.ros, graph, source.nodes)
             ends.push(announcer)
+            self.supervisor.is_observed = lambda nodes: not unconnected(observer.connections(graph, nodes))
             if self._observers == 1:
                 ends.enter_context(self.supervisor)
             else:

@@ -62,6 +62,24 @@ def test_skips_dead_nodes_and_waits_for_a_limited_time() -> None:
     assert asked[2:] == ["head", "camera"]
 
 
+def test_no_node_is_active_before_the_recorder_hears_it() -> None:
+    asked: list[str] = []
+    heard: set[str] = set()
+    bring_up = BringUp(["head", "listener", "camera"], asked.append, 0.0, lambda nodes: heard.issuperset(nodes))
+    bring_up.look(["head", "camera"], ["listener"], 1.0)
+    heard.add("head")
+    bring_up.look(["head", "camera"], ["listener"], 1.1)
+    assert asked == []
+    heard.add("camera")
+    bring_up.look(["head", "camera"], ["listener"], 1.2)
+    assert asked == ["head"]
+    deaf = BringUp(["head"], asked.append, 0.0, lambda nodes: False)
+    deaf.look(["head"], [], CONFIGURED_S - 0.1)
+    assert asked == ["head"]
+    deaf.look(["head"], [], CONFIGURED_S)
+    assert asked == ["head", "head"]
+
+
 POLICY = RestartPolicy(times=3, within_s=60.0, first_s=0.2, longest_s=0.5)
 
 
