@@ -14,6 +14,7 @@ import pytest
 from socialbot.agents.hospital.demo import hospital
 from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, WardState
 from socialbot.agents.teams.messages import COORDINATOR, EVERYBODY, AclMessage, Missions, Problem
+from socialbot.bridge.diagnostics import unconnected
 from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
@@ -50,6 +51,11 @@ def observed(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch, Any]]:
     with observe_graph(topics, heard.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder) as launch:
+            # The mission begins with the first message of the world, so the world waits until all others are heard.
+            os.kill(launch.pids["world"], signal.SIGSTOP)
+            others = onlooker.connections(graph, {config.name for config in graph.nodes} - {"world"})
+            assert eventually(lambda: not unconnected(others), timeout_s=60.0), unconnected(others)
+            os.kill(launch.pids["world"], signal.SIGCONT)
             yield heard, launch, onlooker.ros
 
 
