@@ -163,13 +163,15 @@ class JsonLines:
     """Sink that writes each record to a file as one line of JSON.
 
     Each line is flushed at once: a crash of the process loses at most the last one. ``file`` is an open file or a path;
-    ``append`` keeps the previous content.
+    ``append`` keeps the previous content, ``text`` describes values that JSON lacks.
     """
 
-    def __init__(self, file: str | PathLike[str] | IO[str], *, append: bool = False) -> None:
+    def __init__(
+        self, file: str | PathLike[str] | IO[str], *, append: bool = False, text: Callable[[Any], str] = str
+    ) -> None:
         import json  # rarely needed, and large
 
-        self._encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
+        self._encode = json.JSONEncoder(ensure_ascii=False, default=text).encode
         self._own = isinstance(file, (str, PathLike))
         mode = "a" if append else "w"
         self._file = open(file, mode, encoding="utf-8") if isinstance(file, (str, PathLike)) else file  # noqa: SIM115

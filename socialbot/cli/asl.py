@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import json
 import logging
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, replace
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -212,7 +211,6 @@ def run_tests(
 ) -> None:
     """Run the plans with the annotation `test`, each in simulated time. Exit code 1: one failed, or there is none."""
     from socialbot.bdi.agentspeak.unit_tests import programs_in
-    from socialbot.cli.asl import report_tests
 
     _import_actions(actions)
     found, places = programs_in(paths), _include_paths(include, root)
@@ -318,17 +316,14 @@ def _printer(console: Console, name: str, color: str) -> Callable[[str], None]:
     return lambda text: console.print(Text.assemble((f"[{name}]", color), f" {text}"), soft_wrap=True)
 
 
-@contextmanager
-def _tracing(file: Path | None) -> Iterator[Callable[[Record], None] | None]:
-    if file is None:
-        yield None
-        return
+def _tracing(file: Path | None) -> AbstractContextManager[Callable[[Record], None] | None]:
     from socialbot.bdi.agentspeak.printer import agentspeak
+    from socialbot.bdi.trace import JsonLines
 
+    if file is None:
+        return nullcontext()
     with writing(file, ParameterError):
-        lines = file.open("w", encoding="utf-8")
-    with lines:
-        yield lambda record: print(json.dumps(asdict(record), default=agentspeak), file=lines)
+        return JsonLines(file, text=agentspeak)
 
 
 @contextmanager

@@ -29,9 +29,9 @@ def read_bytes(file: Path, most: int = DATA_BYTES) -> bytes:
     return data
 
 
-def decoded(data: bytes, encoding: str = "utf-8") -> str:
-    """Decode text as an opened file does, with all line ends as one. Raises UnicodeDecodeError."""
-    return io.TextIOWrapper(io.BytesIO(data), encoding).read()
+def decoded(data: bytes) -> str:
+    """Decode UTF-8 text as an opened file does, with all line ends as one. Raises UnicodeDecodeError."""
+    return io.TextIOWrapper(io.BytesIO(data), "utf-8").read()
 
 
 def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check the path") -> str:

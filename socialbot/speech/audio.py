@@ -188,14 +188,14 @@ def _pieces(file: WavFile) -> Iterator[np.ndarray]:
         yield np.frombuffer(data, "<i2").reshape(-1, file.channels)
 
 
-def chunks_of(samples: np.ndarray, *, start: int, sample_rate: int = RATE_HZ, chunk_s: float = 0.05) -> list[AudioData]:
-    """Messages with pieces of mono int16 ``samples``; the first is stamped ``start`` (ns)."""
-    size = round(chunk_s * sample_rate)
+def chunks_of(samples: np.ndarray, *, start: int) -> list[AudioData]:
+    """Messages with pieces of 0.05 s of mono int16 ``samples`` at `RATE_HZ`; the first is stamped ``start`` (ns)."""
+    size = RATE_HZ // 20
     return [
         AudioData(
-            stamp=start + first * SECOND // sample_rate,
+            stamp=start + first * SECOND // RATE_HZ,
             samples=samples[first : first + size].astype("<i2").tobytes(),
-            sample_rate=sample_rate,
+            sample_rate=RATE_HZ,
         )
         for first in range(0, len(samples), size)
     ]

@@ -77,17 +77,16 @@ PARENTS = {
 }  # fmt: skip
 
 
-def loft(rings: Sequence[Ring], square: float = 2.0, steps: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def loft(rings: Sequence[Ring], square: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices and triangles of a closed surface through ``rings``, from the lowest to the highest.
 
     Args:
         rings: Rings of the surface.
         square: Exponent of their outline: 2 is an ellipse, more is squarer.
-        steps: Rings drawn from one to the next.
     """
     table = np.array(rings, dtype=float)
     at = np.arange(len(table))
-    fine = np.linspace(0, len(table) - 1, (len(table) - 1) * steps + 1)
+    fine = np.linspace(0, len(table) - 1, 2 * len(table) - 1)
     z, depth, width, ahead = (_smooth(fine, at, table[:, column]) for column in range(4))
     angle = np.arange(_AROUND) * math.tau / _AROUND
     cos, sin = np.cos(angle), np.sin(angle)
