@@ -154,6 +154,8 @@ _REPAIRS = {
 _ENCODINGS = ("cdr", "ros1")
 """Encodings of messages that are read: those of ROS 2 and ROS 1."""
 
+_READ = "the .mcap and .db3 files are read"
+
 _LFS_POINTER = b"version https://git-lfs.github.com/"
 
 
@@ -171,9 +173,9 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
         except BagError as error:
             if not files:
                 raise
-            damage.append(f"{metadata}: {error.what}")
+            damage.append(f"{metadata}: cannot be used: {str(error.__cause__ or error.what).rstrip('.')}; {_READ}")
     else:
-        damage.append(f"{metadata}: missing; the .mcap and .db3 files are read")
+        damage.append(f"{metadata}: missing; {_READ}")
     return [open_file(file, damage) for file in files]
 
 

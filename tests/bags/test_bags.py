@@ -114,6 +114,19 @@ def test_split_bags(tmp_path: Path) -> None:
     check_pictures(path)
 
 
+def test_metadata_that_cannot_be_used_is_told(tmp_path: Path) -> None:
+    path = make_with_rosbags(tmp_path / "bag", [(RAW, time, picture(time - 5_000_000)) for time in times(10)])
+    metadata = path / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("serialization_format: cdr", "serialization_format: protobuf"))
+    check_pictures(path)
+    with open_bag(path) as bag:
+        (told,) = bag.damage
+    assert told.startswith(f"{metadata}: cannot be used: ")
+    assert "protobuf" in told
+    assert "damaged" not in told
+    assert told.endswith("; the .mcap and .db3 files are read")
+
+
 def test_ros1_bags(tmp_path: Path) -> None:
     path = make_ros1(tmp_path / "old.bag")
     check_pictures(path)
@@ -387,7 +400,7 @@ def test_metadata_that_counts_in_no_numbers_is_done_without(tmp_path: Path, numb
     text = (path / "metadata.yaml").read_text()
     (path / "metadata.yaml").write_text(re.sub(r"message_count: \d+", f"message_count: {number}", text))
     with open_bag(path) as bag:
-        assert "damaged" in bag.damage[0]
+        assert "cannot be used" in bag.damage[0]
     check_pictures(path)
 
 
