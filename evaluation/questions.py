@@ -1,7 +1,7 @@
 """Questions to recorded runs: do the answers reach the right records, and does the trace support every clause?
 
-``python -m evaluation.questions`` asks the questions of questions.yaml about eight runs: Waldo on a recorded corridor
-and with five visitors, a reception, two warehouses, a hospital, a cleaner, and an agent without vocabulary.
+``python -m evaluation.questions`` asks the questions of questions.yaml about nine runs: Waldo on a recorded corridor
+and with five visitors, a reception, two warehouses, a hospital, a cleaner, and two with agents without vocabulary.
 `questions_check` re-evaluates each clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a
 neural voice and recognises them first.
 """
@@ -50,6 +50,8 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
         return not found.known
     if kind == "unsaid":
         return any(claim.kind == "said_not" and " ".join(claim.what) == rest for claim in claims)
+    if kind in ("heard", "failed"):
+        return any(claim.kind == ("heard" if kind == "heard" else "nothing_failed") for claim in claims)
     if kind == "idle":
         return any(claim.kind == "did_not" and not claim.what for claim in claims)
     if kind == "intends":

@@ -30,7 +30,7 @@ CONNECTIVES = re.compile(
     r"the next thing was|das Letzte war|das Nächste war|la dernière chose était|la suite était|lo último fue|"
     r"lo siguiente fue|I saw|ich sah|je voyais|veía a)\b|[\d.:;,\s]"
 )
-ABSENCES = {"did_not", "said_not", "not_believed", "nobody_here", "nothing_wanted"}
+ABSENCES = {"did_not", "said_not", "not_believed", "nobody_here", "nothing_wanted", "nothing_failed"}
 """Claims that something is not in the trace."""
 Line = Mapping[str, Any]
 
@@ -195,6 +195,9 @@ class Verifier:
     def _text(self, clause: Line, lines: Sequence[Line]) -> str:
         """Return what the text of a clause states beyond its claim."""
         claim, text = clause["claim"], clause["text"]
+        told = {"heard": claim.get("what", ())[:1], "failed": claim.get("what", ())[2:]}.get(claim["kind"], ())
+        if any(one not in text for one in told):
+            return "does not tell its words"
         sources = [*claim.get("what", ()), *claim.get("persons", ()), *(line["what"] for line in lines)]
         quoted = " ".join(sources)
         details = " ".join(json.dumps(line["detail"], ensure_ascii=False) for line in lines)
@@ -228,6 +231,7 @@ class Verifier:
             "saw_nobody",
             "nobody_here",
             "nothing_wanted",
+            "nothing_failed",
         )
         denies = claim["kind"] in ("believed", "percept", "message", "outside", "rejected", "chose", "asked")
         if bool(NEGATION.search(plain)) is not negative and not denies:
@@ -414,6 +418,36 @@ class Verifier:
         wanted = claim.get("persons") or sorted({one for line in self.trace.lines for one in people(line)})
         came = [one for one in wanted for begin, _ in self.trace.present(one) if begin <= claim["until_s"]]
         return f"{came[0]} was here" if came else ""
+
+    def _heard(self, claim: Line, lines: Sequence[Line]) -> str:
+        line = lines[0]
+        if line["kind"] != "hearing" or line["what"] != claim["what"][0]:
+            return "was not heard"
+        said_by = line["detail"].get("person") or ""
+        return "" if claim.get("persons", [])[:1] == ([said_by] if said_by else []) else f"was said by {said_by!r}"
+
+    def _failed(self, claim: Line, lines: Sequence[Line]) -> str:
+        failure, message = lines[0], lines[0]["detail"].get("message") or ""
+        if failure["kind"] != "failure" or lines[-1] not in (failure, *self.trace.causes(failure)):
+            return "did not fail"
+        known = [failure["what"], lines[-1]["what"], message]
+        return "" if claim["what"] == known and claim.get("agent") == failure["source"] else "did not fail so"
+
+    def _nothing_failed(self, claim: Line, lines: Sequence[Line]) -> str:
+        found = [
+            line["id"] for line in self.trace.lines
+            if line["kind"] == "failure" and claim.get("agent") in (None, "", line["source"])
+            and claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
+        ]  # fmt: skip
+        return f"{found[0]} failed" if found else ""
+
+    def _took(self, claim: Line, lines: Sequence[Line]) -> str:
+        deed, end = lines[0], lines[-1]
+        is_end = end["cause"] == deed["id"] and (
+            end["kind"] in ("step_end", "action_end") or end["what"] in ("finished", "replaced", "failed", "expired")
+        )
+        took_s = self.trace.seconds(end) - self.trace.seconds(deed)
+        return "" if is_end and near(claim["value"], took_s) else f"took {took_s} s"
 
     def _count(self, claim: Line, lines: Sequence[Line]) -> str:
         deeds = self.trace.deeds(claim["what"], claim["at_s"], claim["until_s"], claim.get("agent", ""))

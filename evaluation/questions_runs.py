@@ -1,4 +1,4 @@
-"""Recorded runs for `evaluation.questions`: replays, simulations, played visits, and an agent of a user."""
+"""Recorded runs for `evaluation.questions`: replays, simulations, played visits, and agents of users."""
 
 from __future__ import annotations
 
@@ -111,6 +111,34 @@ def guard(folder: Path) -> None:
         run_engine(engine, 12.0)
         engine.forget(program.door_open())
         run_engine(engine, 5.0)
+    _write_trace(folder, records)
+
+
+HARBOUR = (
+    ("crane_a", "lift(crane_a, crate_b1, pier_1)"),
+    ("crane_a", "lower(crane_a, crate_b1, truck_a)"),
+    ("truck_a", "drive(truck_a, pier_1, depot_a)"),
+    ("truck_a", "park(truck_a, depot_a)"),
+    ("watchman_a", 'inspect("Eve")'),
+    ("watchman_a", 'say("Please open the gate.")'),
+    ("scout_a", "go(scout_a, pier_2)"),
+    ("scout_a", "go_back(scout_a)"),
+    ("crane_a", "lift(crane_a, crate_c2, pier_1)"),
+    ("watchman_a", 'say("Good night.")'),
+)
+"""Agents with their actions, one each two seconds."""
+
+
+def harbour(folder: Path) -> None:
+    """Record four agents without vocabulary and phrases, of which only the actions are known."""
+    records = [
+        TraceRecord(stamp=2 * n * SECOND, id=f"{source}-{n}", source=source, kind="action", what=what)
+        for n, (source, what) in enumerate(HARBOUR)
+    ]
+    _write_trace(folder, records)
+
+
+def _write_trace(folder: Path, records: Iterable[TraceRecord]) -> None:
     folder.mkdir(parents=True)
     (folder / "trace.jsonl").write_bytes(b"".join(msgspec.json.encode(record) + b"\n" for record in records))
     (folder / "results.json").write_text("{}")
@@ -127,6 +155,7 @@ def _made_by(*arguments: str) -> Callable[[Path], None]:
 RUNS: Mapping[str, Callable[[Path], None]] = {
     "visits": visits,
     "guard": guard,
+    "harbour": harbour,
     "hospital": _made_by("demo", "hospital", "--problems", "100", "--seed", "3"),
     "warehouse": _made_by("demo", "warehouse"),
     "warehouse2": _made_by("demo", "warehouse", "--run", "2"),
@@ -139,6 +168,7 @@ RUNS: Mapping[str, Callable[[Path], None]] = {
 NAMES: Mapping[str, str] = {
     "visits": "greet, offer help, visitor, T1, T2",
     "guard": "Ann, Bob, badge",
+    "harbour": "crane, truck, watchman, scout, crate B1, pier 1, depot, Eve",
     "hospital": "spot, UVD, nurse, room 1, disinfect, patrol, tidy",
     "warehouse": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, pick up, unload",
     "warehouse2": "gripper A, carrier A, carrier B, carrier C, base B, unload",

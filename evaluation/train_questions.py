@@ -28,10 +28,10 @@ from socialbot.runs.asking._questions import candidates
 from socialbot.runs.folder import open_run
 
 WEIGHTS = Path(ranking.__file__).with_name("reading.json")
-UNSEEN = ("new_wordings_16",)
+UNSEEN = ("new_wordings_16", "new_wordings_17")
 """Lists that the weights are not learned from."""
 STEPS, RATE, DECAY = 250, 0.1, 0.9
-PENALTY = 0.5
+PENALTY = 2.0
 """Weight of the squared weights, a prior against features of few questions."""
 WRONG = 2.0
 """Additional cost of a wrong answer: it is worse than none."""
@@ -52,7 +52,8 @@ class Example:
         columns: Features, by their number in the names of all.
         values: Values of the features.
         reached: Whether the answer of each reading reaches the record.
-        known: Whether each reading is answered; the last one is the refusal.
+        known: Whether each reading is answered.
+        equal: Place of the first reading with the same answer.
     """
 
     part: str
@@ -62,6 +63,7 @@ class Example:
     values: np.ndarray
     reached: np.ndarray
     known: np.ndarray
+    equal: np.ndarray
 
 
 def examples(lists: Mapping[str, Mapping[str, Sequence[str]]], runs: Path, names: dict[str, int]) -> Iterator[Example]:
@@ -81,8 +83,8 @@ def examples(lists: Mapping[str, Mapping[str, Sequence[str]]], runs: Path, names
                 answers = [answered(run, facts, each.question, text) for each in found]
                 cells = [
                     (row, names.setdefault(feature, len(names)), value)
-                    for row, features in enumerate(ranking.featured(found, facts.subjects))
-                    for feature, value in features.items()
+                    for row, features in enumerate(ranking.featured(found, answers, facts.subjects))
+                    for feature, value in sorted(features.items())  # the order of sets differs between processes
                 ]
                 yield Example(
                     part, text,
@@ -91,6 +93,7 @@ def examples(lists: Mapping[str, Mapping[str, Sequence[str]]], runs: Path, names
                     np.array([cell[2] for cell in cells], dtype=np.float32),
                     np.array([reaches(each, target, verifier) for each in answers]),
                     np.array([each.known for each in answers]),
+                    np.array(ranking.alike(answers), dtype=np.int32),
                 )  # fmt: skip
 
 
@@ -131,12 +134,11 @@ def measured(questions: Sequence[Example], weights: np.ndarray) -> tuple[int, in
         if not len(each.reached):
             continue
         scores = np.bincount(each.rows, each.values * weights[each.columns], minlength=len(each.reached))
-        shares = np.exp(scores - scores.max())
+        shares = np.bincount(each.equal, np.exp(scores - scores.max()))
         best = int(np.argmax(shares))
-        if shares[best] < ranking.SURE * shares.sum():
-            best = -1
-        right += bool(each.reached[best])
-        wrong += bool(each.known[best] and not each.reached[best])
+        is_sure = shares[best] >= ranking.SURE * shares.sum() and each.known[best]
+        right += bool(each.reached[best] if is_sure else (each.reached & ~each.known).any())
+        wrong += bool(is_sure and not each.reached[best])
     return right, wrong
 
 

@@ -90,8 +90,7 @@ def test_unsupported_clauses_are_found(visits, question, change):
 @pytest.mark.parametrize("question", ["Did you let Ann in?", "Did you admit Ann?", "Why did you not admit Bob?"])
 def test_a_goal_without_names_is_not_denied_of_those_that_it_was_for(guard, question):
     found = told(guard[0], question)
-    denied = [clause["claim"]["what"] for clause in found["clauses"] if clause["claim"]["kind"] == "did_not"]
-    assert not any(call.startswith(("admit", "check")) for calls in denied for call in calls)
+    assert "did_not" not in [clause["claim"]["kind"] for clause in found["clauses"]]
 
 
 @pytest.mark.parametrize(
@@ -101,6 +100,23 @@ def test_a_goal_without_names_is_not_denied_of_those_that_it_was_for(guard, ques
 def test_denials_of_goals_are_unsupported(guard, change):
     run, verifier = guard
     found = told(run, "Did you check Bob before 10 s?")
+    assert verifier.faults(found) == []
+    change(found)
+    assert verifier.faults(found) != []
+
+
+@pytest.mark.parametrize(
+    ("question", "kind", "change"),
+    [
+        ("What went wrong?", "failed", change_claim("what", ['fail("the badge is unknown")', "check", "no badge"])),
+        ("What went wrong?", "failed", change_text("unknown", "forged")),
+        ("Did anything fail before 20 s?", "nothing_failed", change_claim("until_s", 30.0)),
+    ],
+)
+def test_unsupported_failures_are_found(guard, question, kind, change):
+    run, verifier = guard
+    found = told(run, question)
+    assert [clause["claim"]["kind"] for clause in found["clauses"]] == [kind]
     assert verifier.faults(found) == []
     change(found)
     assert verifier.faults(found) != []

@@ -11,7 +11,7 @@ def example(columns: list[list[int]], reached: list[bool], known: list[bool]) ->
     rows = [row for row, features in enumerate(columns) for _ in features]
     return Example(
         "list", "", np.array(rows), np.array([one for features in columns for one in features]),
-        np.ones(len(rows)), np.array(reached), np.array(known),
+        np.ones(len(rows)), np.array(reached), np.array(known), np.arange(len(reached)),
     )  # fmt: skip
 
 

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import near
 from socialbot.runs.asking._questions import NEAR_S
-from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
+from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.narration import plan_of, step_in
+from socialbot.runs.why import call_of
 
 
 def said(scope: Scope) -> Told | None:
@@ -19,7 +20,7 @@ def said(scope: Scope) -> Told | None:
     spoken = scope.in_time(scope.of_persons(each for each in spoken if scope.is_meant(each)))
     at_s = scope.question.at_s
     if at_s is not None:
-        spoken = near(spoken, scope.history.stamp(at_s), NEAR_S)
+        spoken = near(spoken, scope.history.stamp(at_s), NEAR_S) or (spoken[:1] if at_s == 0.0 else [])
     elif scope.question.event is not None and scope.question.event.heard is not None:
         spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
     elif scope.question.ordinal is not None or not scope.persons:
@@ -31,6 +32,46 @@ def said(scope: Scope) -> Told | None:
         return clause.text, [clause]
     clauses = [scope.speech.did(each, None) for each in spoken[-MOST_NAMED:]]
     return scope.joined(clauses), clauses
+
+
+def heard(scope: Scope) -> Told | None:
+    """Return what people said: the words in question, or else all of it, with the reply to a single utterance."""
+    found = [each for each in scope.in_time(scope.facts.heard) if each.stamp <= scope.now]
+    found = [each for each in found if not scope.persons or each.detail.get("person") in scope.persons]
+    if scope.question.says:
+        found = fitting_words(found, scope.question.says)
+    if scope.question.at_s is not None:
+        found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
+    elif scope.question.ordinal is not None:
+        found = [one for one in [scope.numbered(found)] if one is not None]
+    clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
+    if len(found) == 1:
+        replies = (
+            each for each in scope.subjects.deeds if each.kind == "utterance" and found[0] in scope.history.before(each)
+        )
+        clauses += [scope.speech.did(each, None) for each in [next(replies, None)] if each is not None]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def failed(scope: Scope) -> Told | None:
+    """Return the failures in question; that there was none, if the question is about no deed or thing."""
+    found = [each for each in scope.in_time(scope.facts.failures) if each.stamp <= scope.now]
+    if scope.question.at_s is not None:
+        found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
+    things, topic = set(scope.question.things), scope.topic
+    is_all = not things and topic is None and scope.question.at_s is None and scope.question.event is None
+    chains = [(each, [each, *scope.history.before(each)]) for each in found if scope.agent in ("", each.source)]
+    if topic is not None:
+        chains = [each for each in chains if any(topic.covers(call_of(one) or one.what) for one in each[1])]
+    found = [each for each, _ in chains if things <= scope.things_behind(each)]
+    if scope.question.ordinal is not None:
+        found = [one for one in [scope.numbered(found)] if one is not None]
+    clauses = [scope.speech.failed(each) for each in found[:MOST_NAMED]]
+    if not clauses and is_all:
+        begin_s, end_s = scope.span()
+        text = scope.speech.about(scope.agent, scope.speech.say("nothing_failed"))
+        clauses = [Clause(text, (), Claim("nothing_failed", scope.agent, at_s=begin_s, until_s=end_s))]
+    return (scope.joined(clauses), clauses) if clauses else None
 
 
 def doing(scope: Scope) -> Told | None:
@@ -116,9 +157,8 @@ def _listed_deeds(scope: Scope, deeds: Sequence[TraceRecord]) -> Told | None:
 
 def _is_under_way(scope: Scope, record: TraceRecord, stamp: int) -> bool:
     """Return whether a step, an action or an utterance that began had not ended at ``stamp``."""
-    ends = [each for each in scope.history.effects(record) if each.kind in ("step_end", "action_end", "speech")]
-    over = [each for each in ends if each.kind != "speech" or each.what not in ("started", "waiting")]
-    return bool(over) and min(each.stamp for each in over) > stamp
+    end = scope.facts.end_of(record)
+    return end is not None and end.stamp > stamp
 
 
 def _planned(scope: Scope, stamp: int) -> list[Clause]:

@@ -11,14 +11,14 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
-from socialbot.runs.asking._activity import ahead, doing, said
+from socialbot.runs.asking._activity import ahead, doing, failed, heard, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
 from socialbot.runs.asking._questions import NEAR_S, Question, candidates, with_time
-from socialbot.runs.asking._ranking import understood
+from socialbot.runs.asking._ranking import SURE, chosen
 from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
-from socialbot.runs.asking._sentences import Claim, Clause, infinitive, kind_of_name
+from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive, kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language
@@ -32,35 +32,11 @@ ALL_WORDS = 0.8
 SOME_WORDS = 0.3
 """Share of the words in question from which on an utterance may have asked for the same thing."""
 
-_TOLD: Mapping[str, Callable[[Scope], Told | None]] = {"see": seen, "said": said, "doing": doing, "next": ahead}
+_TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
+    "see": seen, "said": said, "doing": doing, "next": ahead,
+    "heard": heard, "failed": failed,
+}  # fmt: skip
 """Functions that answer kinds of questions about a state."""
-
-
-class Answer(msgspec.Struct, frozen=True):
-    """Answer to a question.
-
-    Args:
-        question: The question.
-        language: Language of the answer (ISO 639-1).
-        intent: Kind of question: why, why_not, see, next, doing, said, who, when, how_long, count or did; empty if
-            unclear.
-        known: Whether there is an answer; else ``text`` says "I don't know".
-        text: The answer.
-        clauses: Its clauses with the ids of their records and their claims, in the order of the text.
-        confidence: How sure it is that the question was understood, from 0 to 1.
-        assumes: What the answer takes for granted, such as who asks; empty for nothing.
-        examples: Questions that can be asked instead, if the answer is not known.
-    """
-
-    question: str
-    language: str
-    intent: str
-    known: bool
-    text: str
-    clauses: tuple[Clause, ...] = ()
-    confidence: float = 0.0
-    assumes: str = ""
-    examples: tuple[str, ...] = ()
 
 
 def answer(
@@ -92,8 +68,21 @@ def answer(
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
     facts = facts_of(run)
-    question = understood(candidates(text, facts.subjects, language), facts.subjects, language)
-    return answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+    found = candidates(text, facts.subjects, language)
+    if not found:
+        nothing = Question(None, language if language in LANGUAGES else "en")
+        return answered(run, facts, nothing, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+    answers = [
+        answered(run, facts, each.question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+        for each in found
+    ]
+    place, probability = chosen(found, answers, facts.subjects)
+    confidence = round(probability, 3)
+    if probability >= SURE:
+        return msgspec.structs.replace(answers[place], confidence=confidence)
+    question = replace(found[place].question, kind=None)
+    refused = answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+    return msgspec.structs.replace(refused, confidence=confidence)
 
 
 def facts_of(run: RunView) -> Facts:
@@ -156,7 +145,7 @@ class _Answering(Scope):
         whole = told[:1].upper() + told[1:]
         return Answer(
             text, self.language, self.question.kind or "", True, f"{whole.rstrip('.')}.", tuple(clauses),
-            self.question.confidence, self.assumes,
+            assumes=self.assumes,
         )  # fmt: skip
 
     def _unknown(self, text: str, why: str, *, understood: bool = True) -> Answer:
@@ -166,7 +155,7 @@ class _Answering(Scope):
             told += f" {self.speech.say('able')}."
         intent = self.question.kind or "" if understood else ""
         asked = _examples(self.subjects, language, self.history.duration_s / 2)
-        return Answer(text, self.language, intent, False, told, (), self.question.confidence, "", asked)
+        return Answer(text, self.language, intent, False, told, examples=asked)
 
     # Why
 
@@ -242,8 +231,13 @@ class _Answering(Scope):
         things = set(self.question.things)
         done = self.subjects.done(self.topic) if self.topic is not None else []
         by_agent = [each for each in done if self.agent in ("", record_agent(self.history, each))]
-        if things and any(things <= self.things_behind(each) for each in by_agent):
-            return None
+        tried = [each.id for each in self.in_time(by_agent) if things and things <= self.things_behind(each)]
+        if tried:
+            begin_s, end_s = self.span()
+            timely = [each for each in self.facts.failures if begin_s <= self.history.seconds(each.stamp) <= end_s]
+            failures = [each for each in timely if any(one.id in tried for one in self.history.before(each))]
+            clauses = [self.speech.failed(each) for each in failures if things <= self.things_behind(each)]
+            return (self.joined(clauses), clauses) if clauses else None
         if done and not by_agent and self.question.is_synonym:
             return None
         kinds = {kind_of_name(one) for each in done for one in (*arguments_of(each.what), each.source)}
@@ -293,7 +287,7 @@ class _Answering(Scope):
         if self.question.says:
             said = self.quoted(self.up_to_now(), self.question.says)
             return self._listed(said) if said else None
-        return self._who()
+        return visitors(self)
 
     def _listed(self, deeds: Sequence[TraceRecord]) -> Told:
         clauses = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
@@ -411,7 +405,7 @@ class _Answering(Scope):
                 self._left_out(self._all_people()) if self.question.is_negative is not self.question.is_opposite else []
             )
             return self._without(left) if left and self.question.person is None else self._when()
-        return visitors(self)
+        return self._when()
 
     def _how_long(self) -> Told | None:
         """Return when people were here; for a deed also when it was done."""
@@ -427,6 +421,9 @@ class _Answering(Scope):
             for each in self.facts.visits
             if each.person in concerned and each.first.stamp <= deed.stamp <= each.last.stamp
         ]
+        end = self.facts.end_of(deed)
+        if end is not None and not clauses[1:]:
+            clauses.append(self.speech.took(deed, end))
         return self.joined(clauses), clauses
 
 

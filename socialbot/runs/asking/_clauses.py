@@ -130,7 +130,11 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                     main = (*words[:place], *rest[asked:])
                     return Parts(main, event=tuple(rest[:asked]), relation=relation)
                 if place >= 2:
-                    return Parts(tuple(words[:place]), event=tuple(rest), relation=relation)
+                    main, end = tuple(words[:place]), 1 if (rest[-1],) in language.phrases["why"] and rest[1:] else 0
+                    # "You left before t1 came. Why?"
+                    return Parts(
+                        (*rest[len(rest) - end :], *main), event=tuple(rest[: len(rest) - end]), relation=relation
+                    )
                 # The event in front: "When t2 left, what did you do?"
                 begins = [n for n in range(2, len(rest) - 1) if place == 0 and rest[n] in asking]
                 asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))

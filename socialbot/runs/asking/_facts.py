@@ -136,9 +136,25 @@ class Facts:
                 break
         return last
 
+    @cached_property
+    def heard(self) -> list[TraceRecord]:
+        """What people said."""
+        return [each for each in self.history if each.kind == "hearing"]
+
+    @cached_property
+    def failures(self) -> list[TraceRecord]:
+        """Failures of goals and actions."""
+        return [each for each in self.history if each.kind == "failure"]
+
+    def end_of(self, deed: TraceRecord) -> TraceRecord | None:
+        """Return the record of the end of a step, an action or an utterance; None if it is not known."""
+        ends = (each for each in self.history.effects(deed) if each.kind in ("step_end", "action_end", "speech"))
+        over = (each for each in ends if each.kind != "speech" or each.what not in ("started", "waiting"))
+        return min(over, key=lambda each: each.stamp, default=None)
+
     def has_failed(self, goal: str, stamp: int) -> bool:
         """Return whether a goal, by the id of its record, had failed by ``stamp``; its failure plan may go on."""
-        failures = (each for each in self.history.between(self.history.start, stamp) if each.kind == "failure")
+        failures = (each for each in self.failures if each.stamp <= stamp)
         return any(goal == cause.id for each in failures for cause in self.history.before(each))
 
     def seconds(self, stamp: int) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from socialbot.core.clock import nanoseconds
@@ -16,7 +16,7 @@ Evidence = Mapping[str, float]
 
 _SOFT = (
     "see", "do", "say", "here", "plan", "happen", "next", "time", "filler", "place", "not", "people", "nobody", "what",
-    "at",
+    "at", "fail", "wish",
 )  # fmt: skip
 """Classes whose words may be parts of a deed: "do nothing", "say hello", "come to base"."""
 _LONGEST_ASKING = 5
@@ -120,7 +120,7 @@ def _named(
     table = topic.opposites if opposite else topic.words
     for phrase in table.get(code, ()):
         note("opposite" if opposite else "declared", *occurs(phrase, 4))
-    for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
+    for other in _longest_first(one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)):
         alike, at = occurs(other, _MOST_BETWEEN)
         note("opposite" if opposite else "synonym", alike if alike >= FORM else 0.0, at if alike >= FORM else ())
     if opposite:
@@ -148,13 +148,18 @@ def _named(
     return NamedDeed(topic, evidence, frozenset(found))
 
 
+def _longest_first(phrases: Iterable[Phrase]) -> list[Phrase]:
+    """Return phrases in an order in which the whole precedes its part: ``get round to`` before ``get to``."""
+    return sorted({*phrases}, key=lambda each: (-len(each), each))
+
+
 def _by_synonyms(topic: Topic, subjects: Subjects, occurs) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield the places of synonyms of the verb of a deed, and of verbs for what its words do: names are English."""
     if topic.is_saying:
-        others = ((("act"), one) for one in acts_of(tokens(" ".join(arguments_of(topic.name)))))
+        kind, others = "act", acts_of(tokens(" ".join(arguments_of(topic.name))))
     else:
-        others = (("synonym", one) for phrase in topic.loose for one in synonyms(phrase[:1], "en"))
-    for kind, other in others:
+        kind, others = "synonym", (one for phrase in topic.loose for one in synonyms(phrase[:1], "en"))
+    for other in _longest_first(others):
         alike, at = occurs(other, _MOST_BETWEEN)
         if alike >= FORM:
             yield kind, at

@@ -13,7 +13,7 @@ from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
-from socialbot.runs.asking._main_verb import clause_verb
+from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
 from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
@@ -30,9 +30,12 @@ from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
 from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
-from socialbot.runs.asking.languages import INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking.languages.synonyms import synonyms
 
-Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
+Kind = Literal[
+    "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed"
+]
 
 VERBS = (
     *INTERROGATIVES, "see", "say", "do", "happen", "next", "plan", "here", "not", "longest", "silent", "waits",
@@ -42,24 +45,37 @@ NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
-_OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next")
-_OF_SAYING: Sequence[Kind] = ("why", "when", "count", "did")
-_OF_STATES: Sequence[Kind] = ("why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count")
+_OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed")
+_OF_SAYING: Sequence[Kind] = ("why", "when", "who", "count", "did")
+_OF_STATES: Sequence[Kind] = (
+    "why",
+    "why_not",
+    "see",
+    "next",
+    "doing",
+    "said",
+    "who",
+    "when",
+    "how_long",
+    "count",
+    "heard",
+    "failed",
+)
 """Kinds of questions about a deed, about words that were said, and about anything else."""
 _ASKED: Mapping[str, Set[Kind]] = {
     "why": {"why"},
-    "what": {"doing", "said", "see", "next", "who", "when"},
-    "who": {"who", "see", "said"},
-    "when": {"when", "said"},
-    "where": {"when", "said", "doing", "see"},
+    "what": {"doing", "said", "see", "next", "who", "when", "heard"},
+    "who": {"who", "see", "said", "heard"},
+    "when": {"when", "said", "heard"},
+    "where": {"when", "said", "doing", "see", "heard"},
     "how_often": {"count"},
     "how_many": {"count", "see"},
     "how_long": {"how_long"},
     "how_far": {"see"},
-    "unanswerable": {"when", "said", "doing"},
+    "unanswerable": {"when", "said", "doing", "count", "heard"},
 }
 """Kinds of questions by the class of their interrogative."""
-_WITHOUT: Set[Kind] = {"did", "see", "who", "next", "doing"}
+_WITHOUT: Set[Kind] = {"did", "see", "who", "next", "doing", "heard"}
 """Kinds of questions without interrogative; with a deed, only whether it was or will be done, or how often."""
 _WHETHER: Set[Kind] = {"did", "next", "count"}
 _YOU = {"you", "u"}
@@ -75,7 +91,13 @@ _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
 _ARTICLES = {"the", "a", "an"}
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
+_PASSING = {"in", "by", "past", "off", "away", "out", "along", "through"}
+"""Particles of verbs of coming and leaving: ``stroll in``."""
 _INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
+_OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
+_COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
+"""Words that anybody says."""
+_MOVING = frozenset(stem(one[0]) for one in (("move",), *synonyms(("move",), "en")))
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _LONG = 5
@@ -89,7 +111,6 @@ class Question:
     Args:
         kind: What is asked; None if it was not understood.
         language: Its language (ISO 639-1).
-        confidence: Probability of this reading, from 0 to 1.
         topics: The deed it is about; none for another question.
         person: The person it is about.
         agent: The agent that acted; empty for any.
@@ -112,11 +133,11 @@ class Question:
         unknown: Its words that nothing explains.
         verb: Its verb, if nothing explains it.
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
+        thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
     """
 
     kind: Kind | None
     language: str
-    confidence: float = 0.0
     topics: tuple[Topic, ...] = ()
     person: PersonReference | None = None
     agent: str = ""
@@ -140,6 +161,7 @@ class Question:
     unknown: tuple[str, ...] = ()
     verb: str = ""
     is_synonym: bool = False
+    thing_kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -299,7 +321,16 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
     explained = {place for name in VERBS for place in reading.places(name)} | {n for each in deeds for n in each.places}
     # "Would you say ...?"
     explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
-    verb = None if verb is not None and reading.words[verb] in _CONJUNCTIONS else verb
+    # "Which carrier did it end up on?"
+    light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
+    people = {n for name in ("named", "people", "them", "me") for n in reading.places(name)} | referred
+    if verb is not None and verb - 1 in people and person is not None and _PASSING.intersection(
+        reading.words[verb + 1 : verb + 2]
+    ):  # fmt: skip
+        reading.found.setdefault("here", []).append((1.0, (verb, verb + 1)))  # "When did t1 stroll in?"
+        reading.taken |= {verb, verb + 1}
+        explained |= {verb}
     for place in reading.free():
         name = subjects.argument_names.get(reading.words[place])
         if name is not None:  # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
@@ -307,13 +338,14 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
             reading.found.setdefault("thing", []).append((1.0, (place,)))
             reading.taken.add(place)
     question = Question(
-        None, language.code, 0.0, (), person, "", "", things, at_s, ago, span_s, ordinal,
+        None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
         unknown=tuple(reading.words[place] for place in reading.free()),
         verb="" if verb is None or verb in explained else reading.words[verb],
+        thing_kind=_thing_kind(reading, subjects),
     )  # fmt: skip
     return Found(reading, question, agents, deeds, referred, verb)
 
@@ -336,9 +368,12 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
     others = {name: found.reading.words[max(0, place - 1)] for name, place in found.agents if name != agent}
     question = replace(found.question, agent=agent, things={**found.question.things, **others})
-    for kind in (one for one in _OF_STATES if one in asked):
-        at_person = question.person.at_s if question.person is not None and kind == "said" else None
+    for kind in (one for one in _OF_STATES if one in asked and (one != "heard" or subjects.heard_stems)):
+        at_person = question.person.at_s if question.person is not None and kind in ("said", "see") else None
         one = replace(question, kind=kind)
+        if kind == "heard":
+            heard = _words_heard(found, subjects)
+            one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
         yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
     says, places = _words_said(found, quoted, subjects)
     if says:
@@ -356,9 +391,31 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
 
     "Did you frisk Bob?" is about no other deed to Bob; the verb of a light one, such as *get*, does not count.
     """
-    if found.verb is None or found.verb in deed.places:
-        return False
+    words, verb = found.reading.words, found.verb
+    if verb is None or (verb in found.reading.places("do") and "thing" in deed.evidence):
+        return False  # "Did you do the kitchen?"
+    if verb in deed.places:
+        return _has_other_particle(words[verb : verb + 3], verb + 1 in deed.places)
     return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)
+
+
+def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
+    """Return whether a particle changes the meaning of a verb: ``check in``, but not ``drive in``."""
+    is_particle = PARTICLES.issuperset(words[1:2]) and words[1:] and not is_named and words[2:3] not in _OBJECT_BEGINS
+    return bool(is_particle) and stem(words[0]) not in _MOVING
+
+
+def _words_heard(found: Found, subjects: Subjects) -> tuple[str, ...]:
+    """Return the words of a question that people said."""
+    return tuple(word for word in found.reading.words if stem(word) in subjects.heard_stems and word not in _COMMON)
+
+
+def _thing_kind(reading: Reading, subjects: Subjects) -> str:
+    """Return the kind of things of ``which box``; empty for agents and other words."""
+    words = reading.words
+    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in ("which", "what")), "")
+    agents = {kind_of_name(agent) for agent in subjects.agents}
+    return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
 
 
 def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
@@ -378,6 +435,8 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
     places = set() if deed is None else deed.places
     is_opposite = deed is not None and deed.is_opposite
     is_denied = reading.has("silent") or not places.issuperset(reading.places("not"))
+    if reading.has("fail"):
+        kinds.add("failed")
     if "why" in kinds and (is_denied or is_opposite):
         kinds.add("why_not")
         if "why" in classes and not is_opposite:
@@ -413,7 +472,8 @@ def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str
 
 def _subordinate(found: Found) -> Question:
     """Return the question of a subordinate clause: its people and things, and the deed that it names surely."""
-    deed = next((each for each in found.deeds if each.fit >= _NAMED), None)
+    named = [each for each in found.deeds if each.fit >= _NAMED]
+    deed = max(named, key=lambda each: each.evidence.get("thing", 0.0), default=None)  # the first one of the best
     agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
     things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
     topics = () if deed is None else (deed.topic,)
@@ -436,6 +496,8 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
     is_visit = (what.person is not None or what.about_all) and (leaves or comes)
     if not is_visit and main.topics and not what.topics and what.person is not None:
         return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
+    if not is_visit and not main.topics and not what.topics and (what.things or what.agent):
+        return Event(parts.relation, what, leaves=False)  # "after the bedroom"
     is_order = main.kind == "who" and parts.relation != "when" and what.person is not None
     if not is_visit and not what.topics:
         return Event(parts.relation, what, leaves=False) if is_order and not main.topics else None

@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
 from socialbot.runs.asking._facts import record_agent
 from socialbot.runs.asking._main_verb import PARTICLES
-from socialbot.runs.asking._questions import NEAR_S, VERBS, Candidate, Question
+from socialbot.runs.asking._questions import NEAR_S, VERBS, Candidate
+from socialbot.runs.asking._sentences import Answer
 from socialbot.runs.asking._topics import Subjects, arguments_of
-from socialbot.runs.asking.languages import LANGUAGES
 
 SURE = 0.5
 """Probability below which the best reading counts as not understood."""
 _TENSES = ("past", "present", "future")
 _MOST_COUNTED = 3
+_BY = {"by", "von", "par", "por"}
 _WEIGHTS = "reading.json"
 
 
@@ -32,43 +32,45 @@ def weights() -> Mapping[str, float]:
     return json.loads((files("socialbot.runs.asking") / _WEIGHTS).read_text("utf-8"))
 
 
-def ranked(
-    found: Sequence[Candidate], subjects: Subjects, weight: Mapping[str, float] | None = None
-) -> list[tuple[float, Question]]:
-    """Return the readings with their probabilities, the most likely one first."""
-    weight = weights() if weight is None else weight
-    scores = [sum(weight.get(name, 0.0) * value for name, value in each.items()) for each in featured(found, subjects)]
-    highest = max(scores, default=0.0)
+def chosen(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subjects) -> tuple[int, float]:
+    """Return the place of the best reading and the probability of its answer.
+
+    Readings with equal answers count together, and those without an answer are one refusal.
+    """
+    weight = weights()
+    scores = [
+        sum(weight.get(name, 0.0) * value for name, value in each.items())
+        for each in featured(found, answers, subjects)
+    ]
+    highest = max(scores)
     shares = [math.exp(score - highest) for score in scores]
-    whole = sum(shares)
-    order = sorted(range(len(found)), key=lambda n: -shares[n])
-    return [(shares[n] / whole, found[n].question) for n in order]
+    equal = alike(answers)
+    whole = {one: sum(share for share, other in zip(shares, equal, strict=True) if one == other) for one in {*equal}}
+    place = max(range(len(found)), key=lambda n: (whole[equal[n]], shares[n]))
+    return place, whole[equal[place]] / sum(shares)
 
 
-def understood(found: Sequence[Candidate], subjects: Subjects, language: str) -> Question:
-    """Return the most likely reading of a question; its kind is None if it was not understood."""
-    order = ranked(found, subjects)
-    if not order:
-        return Question(None, language if language in LANGUAGES else "en")
-    probability, question = order[0]
-    question = replace(question, confidence=round(probability, 3))
-    return question if probability >= SURE else replace(question, kind=None)
+def alike(answers: Sequence[Answer]) -> list[int]:
+    """Return for each answer the place of the first one that tells the same; all refusals tell the same."""
+    first: dict[str, int] = {}
+    return [first.setdefault(each.text if each.known else "", n) for n, each in enumerate(answers)]
 
 
-def featured(found: Iterable[Candidate], subjects: Subjects) -> list[dict[str, float]]:
-    """Return the features of readings."""
+def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subjects) -> list[dict[str, float]]:
+    """Return the features of readings and of their answers."""
     cache: dict[object, dict[str, float]] = {}
     sequences: dict[object, list[str]] = {}
     result = []
-    for each in found:
+    for each, told in zip(found, answers, strict=True):
         key = id(each.found), id(each.deed)
         if key not in sequences:
             sequences[key] = _classes(each)
         question = each.question
+        kind, mode = question.kind or "none", _mode(each)
         records = (
             *key,
             question.says,
-            question.kind is None,
+            mode,
             question.agent,
             tuple(question.things),
             question.event is None,
@@ -77,17 +79,24 @@ def featured(found: Iterable[Candidate], subjects: Subjects) -> list[dict[str, f
         if records not in cache:
             cache[records] = dict(_of_parts(each, subjects))
         features = dict(cache[records])
-        kind = question.kind or "none"
-        mode = "deed" if each.deed is not None else "says" if question.says else "state"
-        mode = mode if question.kind else "none"
         features |= {f"{kind}: {name}": value for name, value in features.items()}
         features |= {f"{kind} {mode}": 1.0}
         features |= {f"{kind} | {one}": 1.0 for one in _sequence(sequences[key])}
         for one in _marks(each):
             features[f"{kind} & {one}"] = 1.0
             features[f"{mode} & {one}"] = 1.0
+        for one, value in _of_answer(each, told):
+            features[one] = features[f"{kind}: {one}"] = features[f"{mode}: {one}"] = value
         result.append(features)
     return result
+
+
+def _mode(each: Candidate) -> str:
+    """Return what a reading is about: a deed, words of the robot or of people, failures, another state, or nothing."""
+    kind = each.question.kind
+    if kind in (None, "heard", "failed"):
+        return kind or "none"
+    return "deed" if each.deed is not None else "says" if each.question.says else "state"
 
 
 def _classes(each: Candidate) -> list[str]:
@@ -142,11 +151,29 @@ def _marks(each: Candidate) -> Iterator[str]:
             yield "heard"
 
 
+def _of_answer(each: Candidate, told: Answer) -> Iterator[tuple[str, float]]:
+    """Yield what an answer tells, and whether it has the names and the time in question."""
+    question = each.question
+    if not told.known:
+        yield "unanswered", 1.0
+        return
+    first = told.clauses[0].claim
+    yield f"tells {first.kind}", 1.0
+    if question.is_synonym:
+        yield f"tells {first.kind} by synonym", 1.0
+    names = {*question.things, *((question.agent,) if question.agent else ())}
+    if names:
+        shown = " ".join(one for clause in told.clauses for one in (clause.text, *clause.claim.what))
+        yield "names told", sum(one in shown for one in names) / len(names)
+    if question.at_s is not None and not question.ago and first.at_s is not None:
+        yield "time told", float(abs(first.at_s - question.at_s) <= NEAR_S)
+
+
 def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]]:
     """Yield how well the parts fit together: words, deed, things, agents and time."""
     question, reading = each.question, each.found.reading
     free = len([word for word in question.unknown if len(word) > 2])
-    mode = "deed" if each.deed is not None else "says" if question.says else "state" if question.kind else "none"
+    mode = _mode(each)
     yield f"{mode} left", float(min(free, _MOST_COUNTED))
     if free:
         yield f"{mode} unknown", 1.0
@@ -157,7 +184,7 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
     yield "beside", float(min(each.left_over, _MOST_COUNTED))
     if question.event is not None or question.contrast is not None:
         yield "split", 1.0
-    if question.says:
+    if mode == "says":
         shares = [subjects.share_said(question.says, one) for one in subjects.deeds]
         yield "quoted", max(shares, default=0.0)
     if question.agent:
@@ -181,6 +208,8 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
     if question.things:
         fitting = [len(set(question.things) & {*arguments_of(one.what), one.source}) for one in done]
         yield "things", max(fitting, default=0) / len(question.things)
+        sizes = [len({*arguments_of(one.what)} - {one.source}) for one in done]
+        yield "arguments", max((n / max(1, size) for n, size in zip(fitting, sizes, strict=True)), default=0.0)
         yield "all things", float(max(fitting, default=0) == len(question.things))
     if question.agent:
         yield "agent does", float(any(record_agent(subjects.history, one) == question.agent for one in done))
@@ -188,6 +217,9 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
         away_s = min((abs(subjects.history.seconds(one.stamp) - question.at_s) for one in done), default=math.inf)
         yield "at time", float(away_s <= NEAR_S)
         yield "near time", 1.0 / (1.0 + away_s)
+    for name, place in each.found.agents:
+        if _BY.intersection(reading.words[max(0, place - 2) : place]):  # "opened by the nurse"
+            yield ("by acts" if name == question.agent else "by is a thing"), 1.0
     before = [name for name, place in each.found.agents if deed.places and place < min(deed.places)]
     if before and not reading.has("you"):
         yield ("subject acts" if question.agent == before[0] else "subject is a thing"), 1.0

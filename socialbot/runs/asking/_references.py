@@ -202,6 +202,9 @@ def _order(word: str, language: Language) -> int | None:
     known = [(one[0], 1) for one in phrases["first"] if len(one) == 1]
     known += [(one[0], -1) for one in phrases["last"] if len(one) == 1]
     known += [(one[0], number) for number, one in enumerate(phrases["ordinals"], 2)]
+    spoken = next((number for each, number in known if "th" in each and word == each.replace("th", "f")), None)
+    if spoken is not None:
+        return spoken  # "the fird visitor"
     forms = ((similarity(word[: len(each)], each), similarity(word[:-1], each[:-1]), number) for each, number in known)
     alike, number = max((max(one, other), number) for one, other, number in forms)
     is_form = len(word) > 4 and alike >= _ALIKE_ORDINAL and word not in language.known_words

@@ -11,13 +11,15 @@ from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of
-from socialbot.runs.asking._words import tokens
+from socialbot.runs.asking._words import stem, tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of
 
 EVENT_S = 8.0
 """Time (s) after the begin of an event that counts as during it: "when t2 came"."""
+
+_LATER_S = 0.001
 
 _SHOWN = re.compile(r"\{(\d)\}")
 _PLACE = re.compile(r"(\w+) \{(\d)\}")
@@ -33,6 +35,13 @@ Told = tuple[str, list[Clause]]
 """Text of an answer and its clauses."""
 
 T = TypeVar("T")
+
+
+def fitting_words(heard: Sequence[TraceRecord], words: Sequence[str]) -> list[TraceRecord]:
+    """Return the utterances of people with the most of ``words``, in any form of them; none if no word fits."""
+    counts = [len({*map(stem, words)} & {*map(stem, tokens(each.what))}) for each in heard]
+    most = max([1, *counts])
+    return [each for each, count in zip(heard, counts, strict=True) if count == most]
 
 
 class Scope:
@@ -105,7 +114,7 @@ class Scope:
         scope = Scope(self.run, self.facts, event.what, self.now_s, self.speaker, "", spoken=False)
         self.event_persons = scope.persons
         if event.heard is not None:
-            heard = [each for each in self.history if each.kind == "hearing" and each.stamp <= self.now]
+            heard = [each for each in self.facts.heard if each.stamp <= self.now]
             fitting = [each for each in heard if set(event.heard) <= set(tokens(each.what))]
             return self.history.seconds(fitting[-1].stamp) if fitting else None
         if event.what.says:
@@ -114,7 +123,14 @@ class Scope:
             return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
         if event.what.topics:
             self.event_deed = scope._chosen()
-            return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
+        elif event.what.things or event.what.agent:
+            deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and scope.is_meant(each)]
+            self.event_deed = deeds[-1 if event.relation == "after" else 0] if deeds else None
+        if event.what.topics or event.what.things or event.what.agent:
+            if self.event_deed is None:
+                return None
+            end = self.facts.end_of(self.event_deed) if event.relation == "after" else None
+            return self.history.seconds((end or self.event_deed).stamp)
         stays = [one for one in self.facts.visits if one.first.stamp <= self.now]
         if not event.what.about_all:
             stays = [one for one in stays if one.person in scope.persons]
@@ -140,11 +156,17 @@ class Scope:
             return list(records)
         if self.event_s is None:
             return []
-        seconds = [(self.history.seconds(each.stamp), each) for each in records if each is not self.event_deed]
+        is_counted = self.question.kind == "count"
+        seconds = [
+            (self.history.seconds(each.stamp), each)
+            for each in records
+            if each is not self.event_deed or (is_counted and event.relation == "when")
+        ]
         if event.relation == "before":
             return [each for at_s, each in seconds if at_s < self.event_s]
         end_s = self.event_s + EVENT_S if event.relation == "when" else self.now_s
-        return [each for at_s, each in seconds if self.event_s - 0.1 <= at_s <= end_s]
+        begin_s = self.span()[0] if is_counted else self.event_s - 0.1
+        return [each for at_s, each in seconds if begin_s <= at_s <= end_s]
 
     def is_meant(self, record: TraceRecord) -> bool:
         """Return whether a deed is one of the agent and things in question, each in the place that its word names."""
@@ -155,8 +177,12 @@ class Scope:
             is_act = self.question.is_synonym and any(
                 topic.is_saying and topic.covers(call_of(record)) for topic in self.question.topics
             )
-            is_told = self.subjects.words_said(record) and (is_act or {*things.values()} <= {"to"})
+            is_told = self.subjects.words_said(record) and (
+                is_act or self.question.kind == "said" or {*things.values()} <= {"to"}
+            )
             return bool(is_told) and set(things) <= self.things_behind(record)  # words to Bob need not name him
+        if self.question.thing_kind and self.question.thing_kind not in map(kind_of_name, arguments):
+            return False
         places = {word: int(n) for word, n in _PLACE.findall(phrase)}
         for thing, before in things.items():
             place = places.get(before)
@@ -185,7 +211,10 @@ class Scope:
         if not self.subjects.persons:
             return []
         if reference is None:
-            left = self._left_out() if self.question.kind == "why_not" and self.question.at_s is None else []
+            if self.question.kind != "why_not":
+                return []
+            at_s = self.question.at_s
+            left = self._left_out(None if at_s is None else self.facts.present_at(self.history.stamp(at_s)))
             return left[-1:] if left and self.deeds else []
         if reference.names:
             return list(reference.names)
@@ -295,6 +324,8 @@ class Scope:
         if self.question.event is not None and self.event_s is not None:
             relation = self.question.event.relation
             begin_s = 0.0 if relation == "before" else max(0.0, self.event_s - 0.1)
+            if relation == "after" and self.question.kind == "count":
+                begin_s = self.event_s + _LATER_S  # the event itself does not count
             end_s = self.event_s + EVENT_S if relation == "when" else self.now_s
             return begin_s, min(self.event_s if relation == "before" else end_s, self.now_s)
         stays = [each for each in self.facts.visits if each.person in self.persons and each.first.stamp <= self.now]

@@ -8,6 +8,7 @@ from typing import Literal
 
 import msgspec
 
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Condition, Sentences
 from socialbot.runs.asking._facts import Facts, Held, record_agent
@@ -19,7 +20,7 @@ from socialbot.runs.why import call_of
 ClaimKind = Literal[
     "did", "did_not", "said", "said_not", "believed", "not_believed", "percept", "wanted", "planned", "asked",
     "rejected", "chose", "saw", "saw_nobody", "here", "nobody_here", "count", "count_people", "nothing_wanted",
-    "message", "outside",
+    "message", "outside", "heard", "failed", "nothing_failed", "took",
 ]  # fmt: skip
 
 
@@ -51,6 +52,33 @@ class Clause(msgspec.Struct, frozen=True):
     text: str
     records: tuple[str, ...]
     claim: Claim
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """Answer to a question.
+
+    Args:
+        question: The question.
+        language: Language of the answer (ISO 639-1).
+        intent: Kind of question: why, why_not, see, next, doing, said, who, when, how_long, count or did; empty if
+            unclear.
+        known: Whether there is an answer; else ``text`` says "I don't know".
+        text: The answer.
+        clauses: Its clauses with the ids of their records and their claims, in the order of the text.
+        confidence: How sure it is that the question was understood, from 0 to 1.
+        assumes: What the answer takes for granted, such as who asks; empty for nothing.
+        examples: Questions that can be asked instead, if the answer is not known.
+    """
+
+    question: str
+    language: str
+    intent: str
+    known: bool
+    text: str
+    clauses: tuple[Clause, ...] = ()
+    confidence: float = 0.0
+    assumes: str = ""
+    examples: tuple[str, ...] = ()
 
 
 def number(value: float) -> str:
@@ -285,6 +313,33 @@ class Speech:
         if self.language != "en" or percept is None or percept.kind != "percept":
             return None
         return percept
+
+    def heard(self, record: TraceRecord) -> Clause:
+        """Return the clause of what a person said."""
+        person = str(record.detail.get("person") or "")
+        is_you = bool(person) and person == self.you
+        named = self.people([person] if person else [])
+        text = self.say("heard_you" if is_you else "heard", person=named, what=record.what)
+        seconds = self.facts.seconds(record.stamp)
+        claim = Claim("heard", what=(record.what,), at_s=seconds, persons=(person,) if person else ())
+        return self.at(Clause(text, (record.id,), claim), seconds)
+
+    def failed(self, failure: TraceRecord) -> Clause:
+        """Return the clause of a failure: the goal that failed, and the message of the failure."""
+        history = self.facts.history
+        goal = next((each for each in history.before(failure) if each.kind in ("goal", "action")), failure)
+        message = str(failure.detail.get("message") or "")
+        what = infinitive(self._sentence(goal)) if self.language == "en" else goal.what
+        text = self.about(failure.source, self.say("failed", what=what, why=f": {message}" if message else ""))
+        seconds = self.facts.seconds(failure.stamp)
+        claim = Claim("failed", failure.source, (failure.what, goal.what, message), seconds)
+        return self.at(Clause(text, tuple(dict.fromkeys((failure.id, goal.id))), claim), seconds)
+
+    def took(self, deed: TraceRecord, end: TraceRecord) -> Clause:
+        """Return the clause of how long a deed took."""
+        value = round((end.stamp - deed.stamp) / SECOND, 6)
+        claim = Claim("took", deed.source, at_s=self.facts.seconds(deed.stamp), value=value)
+        return Clause(self.say("took", value=number(value)), (deed.id, end.id), claim)
 
     def narrated(self, record: TraceRecord, kind: ClaimKind) -> Clause:
         """Return the clause that explanations have for a record."""

@@ -276,6 +276,11 @@ class Subjects:
         return self._acted[topic.name]
 
     @cached_property
+    def heard_stems(self) -> Set[str]:
+        """Stems of the words that people said."""
+        return {stem(word) for each in self.history if each.kind == "hearing" for word in tokens(each.what)}
+
+    @cached_property
     def _calls_by_id(self) -> Mapping[int, tuple[str, ...]]:
         return {id(each): tuple(self.calls_of(each)) for each in self.deeds}
 

@@ -12,6 +12,8 @@ from socialbot.runs.asking.languages import INTERROGATIVES, Language
 from socialbot.runs.asking.languages.synonyms import lexicon
 
 _ONLY_EXACT = {
+    "fail",
+    "wish",
     "unanswerable",
     "not",
     "past",

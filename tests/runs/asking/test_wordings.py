@@ -238,6 +238,8 @@ def test_synonyms_are_known_for_the_names_of_actions():
         ("What tempted you to address t1?", GREETED),
         ("Somebody told me you greeted t1. True?", "Yes: at 2.2 s I greeted person t1"),
         ("How come the second one only got a greeting and no help?", NOT_HELPED),
+        ("What did t1 hear from you?", 'I said "'),
+        ("Why did you great the fird visitor?", "I don't know. The record does not say so"),  # two people came
         ("When did t1 stroll in?", "Person t1 was here from"),
         ("Until when did t1 hang around?", "Person t1 was here from"),
         ("weather you helped t2 i want to know", NOT_HELPED),

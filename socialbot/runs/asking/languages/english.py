@@ -84,8 +84,15 @@ ENGLISH = Language(
             "objectives,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
+        "fail": (
+            "go wrong,goes wrong,went wrong,gone wrong,going wrong,fail,failed,failure,failures,problem,problems,"
+            "trouble,error,errors,fault,mistake,mistakes,difficulty,difficulties,not work,no good,run into,ran into,"
+            "unsuccessful"
+        ),
+        "wish": "looking for,look for,looked for,interested in,wish for",
         "say": (
-            "say,said,speak,spoke,tell,told,utter,complain,comment,reply,replied,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
+            "hear from you,heard from you,say,said,speak,spoke,tell,told,utter,complain,comment,reply,replied,ask,"
+            "asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
             "statement,utterance,utterances"
         ),
         "here": (
@@ -229,6 +236,11 @@ ENGLISH = Language(
         "times": "{count} times",
         "times_one": "once",
         "said": 'I said "{what}"',
+        "heard": '{person} said "{what}"',
+        "heard_you": 'you said "{what}"',
+        "failed": "I failed to {what}{why}",
+        "nothing_failed": "nothing failed",
+        "took": "that took {value} s",
         "said_nothing": "I said nothing",
         "said_no_words": 'I did not say "{what}"',
         "nothing_next": "I had no intention",

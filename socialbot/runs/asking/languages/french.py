@@ -29,6 +29,7 @@ FRENCH = Language(
         "happen": "passe,arrive,passait,produit",
         "next": "ensuite,apres,prochaine,prochain,suite,suivant",
         "plan": "comptes,prevois,veux,vas,allez,intention,but,objectif,plan,voulez,feras,projet",
+        "fail": "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte",
         "say": "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles",
         "here": (
             "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"
@@ -129,6 +130,11 @@ FRENCH = Language(
         "times": "{count} fois",
         "times_one": "une fois",
         "said": "j'ai dit « {what} »",
+        "heard": "{person} a dit « {what} »",
+        "heard_you": "vous avez dit « {what} »",
+        "failed": "j'ai échoué : {what}{why}",
+        "nothing_failed": "rien n'a échoué",
+        "took": "cela a duré {value} s",
         "said_nothing": "je n'ai rien dit",
         "said_no_words": "je n'ai pas dit « {what} »",
         "nothing_next": "je n'avais aucune intention",

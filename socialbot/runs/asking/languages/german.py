@@ -32,6 +32,10 @@ GERMAN = Language(
         "happen": "passiert,geschehen,geschieht,passierte,geschah,los",
         "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
         "plan": "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst",
+        "fail": (
+            "schief,schiefgegangen,schiefgelaufen,fehler,problem,probleme,gescheitert,scheitern,scheiterte,misslungen,"
+            "fehlgeschlagen,schwierigkeiten"
+        ),
         "say": "sagst,gesagt,sagen,sagtest,gesprochen,sagte,satz,worte,satze",
         "here": (
             "hier,da,gekommen,kam,kamen,besucht,anwesend,vorbei,vorbeigekommen,aufgetaucht,dort,gegangen,geblieben,"
@@ -136,6 +140,11 @@ GERMAN = Language(
         "times": "{count} Mal",
         "times_one": "einmal",
         "said": "ich sagte „{what}“",
+        "heard": "{person} sagte „{what}“",
+        "heard_you": "du sagtest „{what}“",
+        "failed": "mir misslang {what}{why}",
+        "nothing_failed": "nichts misslang",
+        "took": "das dauerte {value} s",
         "said_nothing": "ich sagte nichts",
         "said_no_words": "ich sagte nicht „{what}“",
         "nothing_next": "ich hatte keine Absicht",

@@ -22,6 +22,7 @@ SPANISH = Language(
         "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
         "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
         "plan": "planeas,piensas,quieres,vas a,intencion,objetivo,plan,meta,pretendes,haras",
+        "fail": "problema,problemas,fallo,fallar,fallado,fallaste,error,salio mal,dificultad",
         "say": "dices,dijiste,decir,dicho,hablaste,frase,palabras",
         "here": (
             "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
@@ -121,6 +122,11 @@ SPANISH = Language(
         "times": "{count} veces",
         "times_one": "una vez",
         "said": "dije «{what}»",
+        "heard": "{person} dijo «{what}»",
+        "heard_you": "dijiste «{what}»",
+        "failed": "fallé en {what}{why}",
+        "nothing_failed": "nada falló",
+        "took": "eso duró {value} s",
         "said_nothing": "no dije nada",
         "said_no_words": "no dije «{what}»",
         "nothing_next": "no tenía ninguna intención",

@@ -26,7 +26,7 @@ _GROUPS: Mapping[str, str] = {
         drop, let fall, let go of, lose hold of
         move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return,
             reach, get to, get round to, get around to, pull out, pull away, take off, roll out, set out, get going,
-            relocate, cruise, make way to
+            relocate, cruise, make way to, take to, been to, been in
         unload, discharge, empty, offload, unpack, dump, drop off, get rid of
         call, request, summon, order, beckon, send for, call for, ask for, ask to come,
             ask over, call over, call in, bring in, page, req, tell to come, get to come, make come,
@@ -36,7 +36,8 @@ _GROUPS: Mapping[str, str] = {
         lock, lock up, bolt
         unlock, unbolt
         disinfect, disinfection, sanitize, sanitise, sterilize, sterilise, decontaminate
-        tidy, tidy up, clean, clean up, clear up, adapt, straighten up, put in order
+        tidy, tidy up, clean, clean up, clear up, adapt, straighten up, put in order, vacuum, hoover, make ready,
+            get ready, prepare
         patrol, inspect, survey, tour, scout, monitor, look around
         check, verify, examine, inspect, validate, test, look over, check on, check up on, take a look at, take look at
         authenticate, identify, verify, establish identity
@@ -75,7 +76,6 @@ _GROUPS: Mapping[str, str] = {
         sort, arrange, order
         photograph, take picture, take photo, film
         wash, rinse
-        vacuum, hoover
         wipe, mop
     """,
     "de": """
@@ -121,7 +121,7 @@ _GROUPS: Mapping[str, str] = {
 
 
 _ACTS = """
-    come in, enter, go in, go through, may pass: let in, admit, let enter, allow in, let through, wave through
+    come in, enter, go in, go through, may pass: let in, admit, let enter, allow in, let through, wave through, get in
     stay outside, go away, may not enter, cannot enter, no entry, keep out, stay out, wait outside:
         refuse, reject, turn away, turn down, send away, deny, keep out, shut out
     thank you, thanks: thank
