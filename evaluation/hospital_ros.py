@@ -19,10 +19,10 @@ import msgspec
 
 from evaluation.hospital_record import Configuration, MissionRecord, Share
 from evaluation.hospital_runs import LIMIT_S, graph_for, is_drawn
-from evaluation.hospital_scripted import ScriptedCoordinator, ScriptedNurse, ScriptedSpot, ScriptedUvd
 from socialbot.agents.hospital.demo import WORLD
 from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.scripted import ScriptedCoordinator, ScriptedNurse, ScriptedSpot, ScriptedUvd
 from socialbot.agents.hospital.ward.messages import COMMANDS, MESSAGES, MISSIONS, RESULTS, STATE, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld

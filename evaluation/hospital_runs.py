@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from evaluation.hospital_record import Configuration, MissionRecord, Share
-from evaluation.hospital_scripted import ScriptedCoordinator, scripted
 from socialbot.agents.hospital.demo import WORLD, hospital
 from socialbot.agents.hospital.missions import HospitalCoordinator
+from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
 from socialbot.agents.hospital.ward.messages import COMMANDS, MESSAGES, MISSIONS, RESULTS
 from socialbot.agents.hospital.ward.ward import drawn_problems, paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld

@@ -7,9 +7,9 @@ import pytest
 
 from evaluation.hospital_record import CONFIGURATIONS, RATES, SEEDS, Configuration, MissionRecord
 from evaluation.hospital_runs import NOISE, Moment, Run, graph_for, is_drawn, play
-from evaluation.hospital_scripted import ScriptedAgent
 from evaluation.hospital_statistics import binomial
 from socialbot.agents.hospital.robot_node import HospitalAgent
+from socialbot.agents.hospital.scripted import ScriptedAgent
 
 
 def without_real_time(record: MissionRecord) -> tuple:

@@ -4,9 +4,9 @@ import logging
 
 import pytest
 
-from evaluation.hospital_scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
 from socialbot.agents.hospital.demo import hospital, large_hospital
 from socialbot.agents.hospital.missions import Disinfection
+from socialbot.agents.hospital.scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
 from socialbot.agents.hospital.ward.messages import MESSAGES
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD
 from socialbot.agents.teams.messages import AclMessage, Plan, Problem, Refusal, Register, Report, Stop
