@@ -62,7 +62,7 @@ class NetworkDetector:
         person: Index of the class "person".
         classes: Number of classes.
         channels: Order of the colours; empty: that of the layout.
-        pixels: Range of the pixel values; empty: that of the layout.
+        pixels: Range of the pixel values; empty: 0 to 255 if the network takes bytes, else that of the layout.
         threads: Parallel views; the result does not depend on it.
     """
 
@@ -97,7 +97,8 @@ class NetworkDetector:
         self._person = person
         self._classes = classes
         self._red_first = _choice("channels", channels or layout.channels, ("bgr", "rgb")) == "rgb"
-        self._pixels = _choice("pixels", pixels or layout.pixels, tuple(PIXELS))
+        usual = "0-255" if network.takes_bytes else layout.pixels
+        self._pixels = _choice("pixels", pixels or usual, tuple(PIXELS))
         self._pool = ThreadPoolExecutor(threads, "view") if threads > 1 else None
         self.detect(np.zeros((*_BLANK[::-1], 3), np.uint8))
 
@@ -152,7 +153,7 @@ def _gain(image: np.ndarray) -> float:
 def _table(pixels: str, gain: float) -> np.ndarray:
     """Lookup table of the model input for the 256 values of blue, green and red: float32 (1, 256, 3)."""
     mean, deviation = (np.array(each[::-1]) for each in PIXELS[pixels])
-    values = np.minimum(np.arange(256) * gain, 255.0)
+    values = np.rint(np.minimum(np.arange(256) * gain, 255.0))
     return ((values[None, :, None] - mean) / deviation).astype(np.float32)
 
 
@@ -162,7 +163,7 @@ def _choice(name: str, value: str, choices: Sequence[str]) -> str:
     return value
 
 
-SHA256 = "fb5aa48926a9232426fa53a9e694ce5a2e7711a55f86d47eb365047d837e544b"
+SHA256 = "ae9dea474b1358085dd22489bbf0da190972562ad35230cbb4270e115b74adf3"
 """Checksum of the NanoDet weights."""
 FILE = "nanodet.onnx"
 _WHOLES = ((416 * 320, 0), (256 * 192, 48), (160 * 120, 70))
@@ -195,6 +196,7 @@ def nanodet(threshold: float, *, threads: int = 1, network: OnnxModel | None = N
         within=_WITHIN,
         fused=_FUSED,
         classes=1,
+        pixels="0-255",
         threads=side_by_side,
     )
 

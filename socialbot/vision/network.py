@@ -73,6 +73,11 @@ class OnnxModel:
         height, width = sizes[:2] if self.channels_last else sizes[1:]
         return width, height
 
+    @property
+    def takes_bytes(self) -> bool:
+        """Whether the input is uint8."""
+        return _DTYPES[self.input.dtype] is np.uint8
+
     def run(self, image: np.ndarray) -> Sequence[np.ndarray]:
         """Run the model on an image of shape (3, height, width); returns one array per output.
 

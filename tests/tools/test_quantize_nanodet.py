@@ -9,9 +9,10 @@ import onnx
 import pytest
 from onnx import helper, numpy_helper
 
+from socialbot.vision.detectors import PIXELS
 from tests.tools.test_convert_nanodet import answers, network
 from tools.convert_nanodet import convert
-from tools.quantize_nanodet import images, quantize
+from tools.quantize_nanodet import Inputs, Values, best_range, images, quantize, round_kernel
 
 
 def model(seed: int) -> bytes:
@@ -32,8 +33,10 @@ def test_answers_stay_close_and_the_file_is_the_same_again(corridor: Path, seed:
     source = model(seed)
     shown = list(images(corridor))
     made = quantize(source, shown)
-    picture = ((shown[0][:256, :320].transpose(2, 0, 1)[None] - 114.0) / 57).astype(np.float32)
-    before, after = answers(source, picture), answers(made, picture)
+    pixels = shown[0][:256, :320].transpose(2, 0, 1)[None]
+    mean, deviation = (np.array(each[::-1]).reshape(3, 1, 1) for each in PIXELS["imagenet"])
+    before = answers(source, ((pixels - mean) / deviation).astype(np.float32))
+    after = answers(made, pixels)
     differences = np.abs(after - before)
     assert 0 < differences[..., 1:].mean() < 0.05 * before[..., 1:].std()
     assert differences[..., 0].mean() < 0.02
@@ -44,8 +47,29 @@ def test_only_what_comes_before_the_heads_has_integers(corridor: Path):
     made = onnx.load_model_from_string(quantize(model(0), images(corridor)))
     constants = {each.name: numpy_helper.to_array(each) for each in made.graph.initializer}
     kernels = {name: value for name, value in constants.items() if value.dtype == np.int8 and value.ndim == 4}
-    assert list(kernels) == ["kernel_quantized"]
-    largest = np.abs(kernels["kernel_quantized"]).max(axis=(1, 2, 3))
+    assert list(kernels) == ["kernel/whole"]
     # A weight of 8 bits would make two products overflow on processors without VNNI.
-    assert largest.tolist() == [64, 64, 64]
-    assert constants["kernel_scale"].shape == (3,)
+    assert np.abs(kernels["kernel/whole"]).max() <= 64
+    assert constants["kernel/scale"].shape == (3,)
+
+
+def test_rounded_weights_make_up_for_each_other():
+    chance = np.random.default_rng(2)
+    kernel = chance.normal(size=(8, 4, 3, 3))
+    rows = chance.normal(size=(2000, 6)) @ chance.normal(size=(6, 36)) + chance.normal(size=(2000, 36)) * 0.1 + 1.0
+    whole, scale, bias = round_kernel(kernel, Inputs(len(rows), rows.sum(axis=0), rows.T @ rows))
+    wanted = rows @ kernel.reshape(8, -1).T
+
+    def error(levels: np.ndarray, more: np.ndarray) -> float:
+        return float(np.square(rows @ (levels.reshape(8, -1) * scale[:, None]).T + more - wanted).mean())
+
+    nearest = np.rint(kernel / scale[:, None, None, None])
+    assert error(whole, bias) < 0.3 * error(nearest, np.zeros(8))
+
+
+def test_a_range_spends_few_levels_on_what_an_activation_makes_small():
+    sample = np.concatenate([np.linspace(-100, 0, 200), np.linspace(0, 10, 2000)])
+    values = Values(sample, -100.0, 10.0)
+    plain, before_activation = best_range(values, 1.0), best_range(values, 0.01)
+    assert before_activation[0] < plain[0]
+    assert before_activation[0] * (255 - before_activation[1]) >= 9.0
