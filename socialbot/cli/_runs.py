@@ -94,6 +94,25 @@ def write_page(
     console.print(f"The record of this run: {record.folder}; {page}", soft_wrap=True, markup=False)
 
 
+def print_dialogue(console: Console, folder: Path) -> None:
+    """Print what was heard and said in a run, and how to ask about it; nothing if nobody was heard."""
+    from socialbot.runs.asking import answer
+    from socialbot.runs.folder import open_run
+
+    run = open_run(folder)
+    spoken = [each for each in run.history if each.kind in ("hearing", "utterance")]
+    if all(each.kind == "utterance" for each in spoken):
+        return
+    console.print("\nThe dialogue:", style="bold")
+    for each in spoken:
+        is_heard = each.kind == "hearing"
+        who = str(each.detail.get("person") or "person") if is_heard else "robot"
+        line = Text(f"{run.history.seconds(each.stamp):7.2f} s  {who:<8} {each.what}")
+        console.print(line, style="bold cyan" if is_heard else "bold green", soft_wrap=True)
+    for question in answer(run, "").examples[:1]:
+        console.print(f'Ask about it: socialbot ask {folder} "{question}"', soft_wrap=True, markup=False)
+
+
 def scores_table(scores: Scores) -> Table:
     """Return precision, recall and F1 by distance band."""
     table = Table(title=f"Detections of {scores.frames} frames at IoU 0.5", title_justify="left")

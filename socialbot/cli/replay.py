@@ -106,7 +106,7 @@ def replay_bag(
     """Replay a bag through ``graph``, with the options of ``socialbot replay``."""
     from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
-    from socialbot.cli._runs import ROS_OPTIONS, enter_domain, print_outcome, write_page
+    from socialbot.cli._runs import ROS_OPTIONS, enter_domain, print_dialogue, print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
     from socialbot.graph.files import with_changes
@@ -149,6 +149,7 @@ def replay_bag(
                         opened, topic, record, source.truth, folder / "annotated.mp4", advance, blur=privacy == "blur"
                     )
     print_outcome(console, result)
+    print_dialogue(console, record.folder)
     write_page(console, record, title)
     result.check()
 

@@ -327,7 +327,7 @@ class Scope:
             if relation == "after" and self.question.kind == "count":
                 begin_s = self.event_s + _LATER_S  # the event itself does not count
             end_s = self.event_s + EVENT_S if relation == "when" else self.now_s
-            return begin_s, min(self.event_s if relation == "before" else end_s, self.now_s)
+            return begin_s, min(max(0.0, self.event_s - 0.1) if relation == "before" else end_s, self.now_s)
         stays = [each for each in self.facts.visits if each.person in self.persons and each.first.stamp <= self.now]
         if not stays:
             return 0.0, self.now_s

@@ -8,6 +8,7 @@ from socialbot.agents.reception import demo
 from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import AudioData, HeardSpeech
+from socialbot.runs.asking import answer
 from socialbot.runs.folder import open_run
 from tests.system.running import socialbot
 
@@ -73,8 +74,16 @@ def test_speech_is_recognized_live_if_that_is_installed(monkeypatch):
 )
 def test_the_demo_decides_the_same_inline_over_dds_and_with_recognition(options, tmp_path: Path):
     folder = tmp_path / "run"
-    socialbot("demo", "reception", "--no-video", "--no-cache", "--out", str(folder), *options)
+    printed = socialbot("demo", "reception", "--no-video", "--no-cache", "--out", str(folder), *options)
     run = open_run(folder)
+    dialogue = [record for record in run.history if record.kind in ("hearing", "utterance")]
+    shown = printed.stdout.partition("The dialogue:\n")[2].splitlines()
+    assert [line.partition(" s  ")[2].split(maxsplit=1) for line in shown[: len(dialogue)]] == [
+        [record.detail.get("person") or "person" if record.kind == "hearing" else "robot", record.what]
+        for record in dialogue
+    ]
+    asked = next(line for line in shown if line.startswith("Ask about it: "))
+    assert answer(run, asked.split('"')[1]).known
     assert [record.what for record in run.history if record.kind == "utterance"] == SAID
     assert [record.what for record in run.history if record.kind == "action"] == [
         "stayIdle()",
