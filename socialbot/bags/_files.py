@@ -165,7 +165,10 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
     if not metadata.exists() and not files:
         what = "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file"
+        inner = sorted(file.parent.name for kind in _STORAGE for file in path.glob(f"*/*{kind}"))
         remedy = "give the folder that `bag record` made; for a folder of images use `bag import`"
+        if inner:
+            remedy = f"give one of the bags in it, such as {path / inner[0]}"
         raise BagError(what, where=str(path), remedy=remedy)
     if metadata.exists():
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,12 +15,21 @@ from rich.text import Text
 
 from socialbot.core.terminal import without_controls
 
+WIDE = 1000
+"""Width of a page for a file or pipe."""
+
 
 class Console(rich.console.Console):
     """Console of rich that prints only its own control sequences, not those in texts.
 
-    Text with invalid markup is printed as it is, and markup makes no links, whose address would not be seen.
+    Text with invalid markup is printed as it is, and markup makes no links, whose address would not be seen. Lines for
+    a file or pipe are not folded, so that other programs find whole names; the variable COLUMNS changes that.
     """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        if not self.is_terminal and "COLUMNS" not in os.environ and "width" not in options:
+            self.width = WIDE
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):

@@ -45,7 +45,6 @@ UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 NOT_WELL = 10  # exit code: a node is missing, failed, given up, or otherwise unhealthy
 LISTEN_S = 4.0  # timeout (s) for expected nodes
 HEARD_S = 2.0  # listening time (s) if no nodes are expected: each live node publishes at least twice
-WIDE = 200  # width of a page for a file or pipe
 
 LOOK_AGAIN_S = 0.05
 REFRESH_S = 0.5
@@ -74,8 +73,6 @@ def status(
         form = graph.wire
     roll = NodeStatuses(machines)
     console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = WIDE
     with Ending().on_signals() as ending, calling(roll, form):
         if watch and not as_json:
             _watch(roll, ending, console)

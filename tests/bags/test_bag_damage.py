@@ -27,6 +27,7 @@ from tests.bags.making_bags import (
     picture,
     times,
 )
+from tests.vision.metrics.scenes import drawn_bag
 
 
 def test_damaged_messages_are_counted_and_skipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -215,3 +216,10 @@ def test_bag_without_messages(tmp_path: Path, storage: str) -> None:
         pass
     with pytest.raises(BagError, match="no messages"):
         open_bag(tmp_path / "bag")
+
+
+def test_a_folder_of_bags_names_one_of_them(tmp_path):
+    drawn_bag(tmp_path, "visit", frames=1)
+    with pytest.raises(BagError, match="not a bag") as refused:
+        open_bag(tmp_path)
+    assert str(tmp_path / "visit") in (refused.value.remedy or "")

@@ -130,3 +130,18 @@ def test_commands_print_by_this_console_only() -> None:
     for path in Path(socialbot.cli.__file__).parent.glob("*.py"):
         if path.name != "_console.py":
             assert others(ast.parse(path.read_text("utf-8"))) == [], path.name
+
+
+def test_lines_for_a_file_or_pipe_are_not_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    name = "/camera/depth/image_raw/compressedDepth" * 3
+    table = Table(box=None, show_header=False)
+    for _ in range(3):
+        table.add_column(overflow="fold")
+    table.add_row(name, name, name)
+    pipe, page = io.StringIO(), io.StringIO()
+    Console(file=pipe).print(table)
+    assert len(pipe.getvalue().splitlines()) == 1
+    monkeypatch.setenv("COLUMNS", "80")
+    Console(file=page).print(table)
+    assert len(page.getvalue().splitlines()) == 5
