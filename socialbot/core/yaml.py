@@ -15,6 +15,7 @@ from ruamel.yaml.nodes import MappingNode, ScalarNode
 from ruamel.yaml.scanner import RoundTripScanner, Scanner, ScannerError
 
 from socialbot.core.errors import GraphError, suggestion
+from socialbot.core.foreign_files import ForeignFile, foreign_page, foreign_text
 from socialbot.core.limits import YAML_DEPTH, YAML_GROWTH
 
 _BRACKET = re.compile(r"[][{}]")
@@ -101,6 +102,7 @@ def _expanded(node: Any, level: int, limit: int, known: dict[int, tuple[int, int
 
 def read_page(text: str, *, where: str) -> YamlSection:
     """Parse ``text`` as a mapping; errors name ``where``. Raises GraphError for any other content."""
+    expect_own(foreign_text(text), where)
     try:
         page = load_yaml(YAML(typ="rt"), text)
     except MarkedYAMLError as error:
@@ -108,7 +110,14 @@ def read_page(text: str, *, where: str) -> YamlSection:
         raise GraphError(f"no valid YAML: {error.problem}", where=f"{where}:{line}") from error
     except YAMLError as error:
         raise GraphError(f"no valid YAML: {error}", where=where) from error
+    expect_own(foreign_page(page), where)
     return YamlSection(page, where, file=where)
+
+
+def expect_own(foreign: ForeignFile | None, where: str) -> None:
+    """Raise GraphError if the file ``where`` is that of another program."""
+    if foreign is not None:
+        raise GraphError(f"this is {foreign.what}, not a file of socialbot", where=where, remedy=foreign.remedy)
 
 
 def plain(value: object) -> object:

@@ -26,7 +26,8 @@ from typing import Any
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, suggestion
-from socialbot.core.yaml import YamlSection, plain, read_page
+from socialbot.core.foreign_files import foreign_text
+from socialbot.core.yaml import YamlSection, expect_own, plain, read_page
 from socialbot.graph.node import NODE_NAME, TOPIC_NAME
 from socialbot.robots.limits import WIDEST_RAD
 
@@ -186,7 +187,8 @@ def _text_of(name: str, folder: Path = Path()) -> tuple[str, str]:
     known = registry.robot_files()
     path = folder / known.get(name, name)
     if name not in known and path.suffix not in (".yaml", ".yml"):
-        if path.is_file():  # a URDF or a launch file
+        if path.is_file():
+            expect_own(foreign_text(paths.read_text(path, GraphError)), str(path))
             remedy = "write the robot's topics and joints into a YAML file, such as my_robot.yaml"
             raise GraphError("is no robot profile", where=str(path), remedy=remedy)
         raise GraphError(

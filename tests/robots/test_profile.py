@@ -145,7 +145,7 @@ def test_an_unknown_robot_is_named_with_a_suggestion(name):
 
 @pytest.mark.parametrize("name", ["robby.urdf", "robby.launch.py"])
 def test_a_file_that_is_no_profile_is_told_from_an_unknown_robot(tmp_path, name):
-    (tmp_path / name).write_text("<robot name='robby'/>")
+    (tmp_path / name).write_text("damaged")
     with pytest.raises(GraphError, match="is no robot profile") as caught:
         load_profile(str(tmp_path / name))
     assert caught.value.where == str(tmp_path / name)
