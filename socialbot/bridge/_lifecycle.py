@@ -17,7 +17,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node as RosNode
 
-from socialbot.bridge.qos_events import PollsEvents
+from socialbot.bridge.wait_sets import PollsEvents
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Node, NodeConfig, check_parameters
 from socialbot.graph.ports import Parameter

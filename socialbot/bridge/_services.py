@@ -18,7 +18,6 @@ from rclpy.action.server import ActionServer as RosActionServer
 from rclpy.action.server import CancelResponse, GoalResponse
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock_type import ClockType
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node as RosNode
 from rclpy.task import Future
@@ -35,6 +34,7 @@ from socialbot.bridge._service_clients import (
 from socialbot.bridge.driver_domain import DriverNode
 from socialbot.bridge.environment import KEYS_VARIABLE, reach
 from socialbot.bridge.transport import Transport, is_power_of_ten, message_class
+from socialbot.bridge.wait_sets import OneThreadExecutor
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome
 from socialbot.graph.node import NodeConfig
@@ -154,7 +154,7 @@ class HostedServices:
         """Wait a moment until the servers have got what `cancel_goals` asks; the executor of the node has ended."""
         if not any(channel.is_cancelling for channel in self._channels.values()):
             return
-        executor = SingleThreadedExecutor(context=self._ros.context)
+        executor = OneThreadExecutor(context=self._ros.context)
         executor.add_node(self._ros)
         asked = time.monotonic()
         end = asked + CANCEL_SENT_S

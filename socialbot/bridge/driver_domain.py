@@ -81,9 +81,9 @@ class DriverNode:
 
     def spin(self) -> None:
         """Spin the node in a thread of its own until it is closed."""
-        from rclpy.executors import SingleThreadedExecutor
+        from socialbot.bridge.wait_sets import OneThreadExecutor
 
-        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor = OneThreadExecutor(context=self.context)
         self._executor.add_node(self.ros)
         self._thread = threading.Thread(target=self._spin, name=self.ros.get_name(), daemon=True)
         self._thread.start()

@@ -28,8 +28,9 @@ from socialbot.core.process import skip_cleanup
 
 if TYPE_CHECKING:
     from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
+
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
 T = TypeVar("T")
 
@@ -367,14 +368,12 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
 def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
     """Open an rclpy node in its own context, spun by a thread. Raises ParameterError for invalid ROS ``args``."""
     with ros_context(args) as context:
-        from rclpy.executors import SingleThreadedExecutor
-
-        from socialbot.bridge.qos_events import PollingNode
+        from socialbot.bridge.wait_sets import OneThreadExecutor, PollingNode
 
         others = _threads()
         node = PollingNode(name, context=context, start_parameter_services=False)
         _threads_of[node] = _threads() - others
-        executor = SingleThreadedExecutor(context=context)
+        executor = OneThreadExecutor(context=context)
         executor.add_node(node)
         ended = threading.Event()
         thread = threading.Thread(target=_spin, args=(executor, ended), name=name, daemon=True)
@@ -418,7 +417,7 @@ def _note_blocked(node: str) -> None:
     skip_cleanup()
 
 
-def _spin(executor: SingleThreadedExecutor, ended: threading.Event) -> None:
+def _spin(executor: OneThreadExecutor, ended: threading.Event) -> None:
     from rclpy.executors import ExternalShutdownException
 
     # Without a timeout an executor on a busy machine may never notice entities that were added as it began to spin.

@@ -81,9 +81,9 @@ def full_name(node: str) -> str:
 def observer(name: str) -> Iterator[tuple[Any, Any]]:
     """Open a hidden rclpy node ``name`` and its executor. Raises InstallationError without ROS."""
     with observer_node(name) as ros:
-        from rclpy.executors import SingleThreadedExecutor
+        from socialbot.bridge.wait_sets import OneThreadExecutor
 
-        executor = SingleThreadedExecutor(context=ros.context)
+        executor = OneThreadExecutor(context=ros.context)
         executor.add_node(ros)
         try:
             yield ros, executor

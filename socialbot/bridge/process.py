@@ -60,9 +60,8 @@ def run_nodes(
         SocialbotError: A node cannot start, or nodes with these names are running already.
     """
     environment.require_ros()
-    from rclpy.executors import SingleThreadedExecutor
-
     from socialbot.bridge._host import IntraProcess, NodeHost
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
     configs = [graph.node(name) for name in names]
     supervisor = own_channel()
@@ -70,7 +69,7 @@ def run_nodes(
     guard = guarded() if parent is None else nullcontext()  # that of the parent guards its children
     with guard, Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
-        executor = SingleThreadedExecutor(context=context)
+        executor = OneThreadExecutor(context=context)
         try:
             if parent is None:
                 with spinning_node("name_check") as ros:

@@ -67,10 +67,10 @@ def record(
         InstallationError: ROS is not installed.
     """
     environment.require_ros()
-    from rclpy.executors import SingleThreadedExecutor
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
     with BagWriter(out, storage=storage) as bag, observer_node("bag_recorder") as node:
-        executor = SingleThreadedExecutor(context=node.context)
+        executor = OneThreadExecutor(context=node.context)
         executor.add_node(node)
         recorder = _TopicRecorder(node, bag, topics, clock or WallClock())
         began = time.monotonic()

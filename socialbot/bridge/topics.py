@@ -137,7 +137,7 @@ def observer_node(name: str = "_topic") -> Iterator[Any]:
     """Open an rclpy node without parameter services, hidden by default. Raises InstallationError without ROS."""
     environment.require_ros()
     from socialbot.bridge.environment import ros_context
-    from socialbot.bridge.qos_events import PollingNode
+    from socialbot.bridge.wait_sets import PollingNode
 
     with ros_context() as context:
         ros = PollingNode(f"{name}_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False)
@@ -202,7 +202,7 @@ def messages(
         GraphError: There is no publisher within ``timeout_s``.
         InstallationError: The type of the topic is not installed.
     """
-    from rclpy.executors import SingleThreadedExecutor
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
     type_name = await_publisher(ros, name, timeout_s=timeout_s, ended=ended)
     if type_name is None:
@@ -212,7 +212,7 @@ def messages(
     subscription = AdaptiveSubscription(
         ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw
     )
-    executor = SingleThreadedExecutor(context=ros.context)
+    executor = OneThreadExecutor(context=ros.context)
     executor.add_node(ros)
     try:
         while not ended():
@@ -230,7 +230,7 @@ def merged_messages(
 
     Yields None at least every ``POLL_S`` seconds. Of the ``newest`` topics, unread messages are dropped.
     """
-    from rclpy.executors import SingleThreadedExecutor
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
     arrived: deque[tuple[str, Message]] = deque()
     transport = open_transport()
@@ -241,7 +241,7 @@ def merged_messages(
         take = _decoding(kind, ros_class, lambda message, name=name: arrived.append((name, message)), refuse)
         depth = 1 if name in newest else DEPTH
         subscriptions += verified_subscriptions(ros, transport, name, ros_class, take, refuse, depth=depth)
-    executor = SingleThreadedExecutor(context=ros.context)
+    executor = OneThreadExecutor(context=ros.context)
     executor.add_node(ros)
     try:
         while not ended():

@@ -21,6 +21,7 @@ from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Health
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
@@ -106,7 +107,8 @@ class _NodesUp:
         graph, source, ending = self._graph, self._source, self._execution.ending
         self._observers += 1
         name = f"observer_{self._observers}" if self._observers > 1 else "observer"
-        topics = observed_topics(graph, source.nodes)
+        observed = observed_topics(graph, source.nodes)
+        topics = {topic: kind for topic, kind in observed.items() if kind is not Health}  # /diagnostics has it
         with (
             with_standard_types(graph, self._execution.observe, source.nodes) as observe,
             observe_graph(topics, observe, self._note, graph.wire, name=name) as observer,

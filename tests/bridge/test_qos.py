@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import threading
+from time import sleep
 from typing import Any
 
 import pytest
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from std_msgs.msg import String
 
 from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.qos import profile, publisher_qos
-from socialbot.bridge.qos_events import POLL_PERIOD_S, POLL_S, PollingGroup, PollingNode
+from socialbot.bridge.wait_sets import POLL_PERIOD_S, POLL_S, OneThreadExecutor, PollingGroup, PollingNode
 from socialbot.graph.ports import FRESH_S, Delivery
 from tests.system.running import eventually
 
@@ -100,3 +103,58 @@ def test_most_wait_sets_hold_no_event_handlers():
         assert all(map(executor.can_execute, node.services))
         executor.shutdown()
         node.destroy_node()
+
+
+def test_a_message_costs_one_wait_set(monkeypatch: pytest.MonkeyPatch):
+    made = []
+    wait_set = _rclpy.WaitSet
+    monkeypatch.setattr(_rclpy, "WaitSet", lambda *sizes: made.append(sizes) or wait_set(*sizes))
+    with ros_context() as context:
+        node = PollingNode("owner", context=context, enable_rosout=False, start_parameter_services=False)
+        executor = OneThreadExecutor(context=context)
+        executor.add_node(node)
+        said = node.create_publisher(String, "/said", 10)
+        heard: list[str] = []
+
+        def take(message: Any) -> None:
+            heard.append(message.data)
+
+        node.create_subscription(String, "/said", take, 10)
+
+        def is_heard(word: str) -> bool:
+            executor.spin_once(timeout_sec=1.0)
+            return heard[-1:] == [word]
+
+        def first_is_heard() -> bool:
+            said.publish(String(data="first"))
+            return is_heard("first")
+
+        assert eventually(first_is_heard)
+        made.clear()
+
+        def talk() -> None:
+            for number in range(20):
+                said.publish(String(data=str(number)))
+                eventually(lambda number=number: heard[-1] == str(number))
+                sleep(0.02)  # the executor waits again
+
+        talking = threading.Thread(target=talk)
+        talking.start()
+        assert eventually(lambda: is_heard("19"))
+        talking.join()
+        assert len(made) <= 30  # of 20 messages, and of a few other events
+        executor.shutdown()
+        node.destroy_node()
+
+
+def test_other_threads_wake_a_spinning_executor():
+    with ros_context() as context:
+        executor = OneThreadExecutor(context=context)
+        done = threading.Event()
+        spinning = threading.Thread(target=executor.spin_once, args=(60.0,), daemon=True)
+        spinning.start()
+        sleep(0.2)
+        executor.create_task(done.set)
+        spinning.join(30.0)
+        assert done.is_set()
+        executor.shutdown()

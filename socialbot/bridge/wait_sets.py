@@ -1,17 +1,22 @@
-"""QoS events of rclpy nodes, which are polled.
+"""Fewer and smaller wait sets of rclpy nodes that one thread spins.
 
 rclpy adds two event handlers of each publisher and subscription to each wait set: with 30 endpoints, three quarters of
 the processor time for a message. Events are rare, for instance an incompatible QoS, and may be handled a second later.
+
+An executor of rclpy wakes itself after each callback, for other threads that may wait. A single thread then makes a
+second wait set for each message, in which nothing is ready.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 POLL_PERIOD_S = 1.0
@@ -62,3 +67,23 @@ class PollsEvents:
 
 class PollingNode(PollsEvents, Node):
     """An rclpy node whose QoS events are polled."""
+
+
+class OneThreadExecutor(SingleThreadedExecutor):
+    """Executor that only other threads wake, not the one that spins it: that one waits for nothing meanwhile."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._spinning = 0
+        guard: Any = self._guard
+        trigger = guard.trigger
+
+        def from_another_thread() -> None:
+            if threading.get_ident() != self._spinning:
+                trigger()
+
+        guard.trigger = from_another_thread
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._spinning = threading.get_ident()
+        super().spin_once(timeout_sec)
