@@ -112,7 +112,7 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
 
 
 def _expected(each: Requirement) -> int:
-    """The number of messages by which a topic is judged."""
+    """How many messages of a topic are needed for its check."""
     return 2 if each.message in _STREAMS else 1
 
 

@@ -95,7 +95,7 @@ def write_page(
 
 
 def print_dialogue(console: Console, folder: Path) -> None:
-    """Print what was heard and said in a run, and how to ask about it; nothing if nobody was heard."""
+    """Print the sentences of people and robot in a run, and a command that asks about it, if anybody spoke to it."""
     from socialbot.runs.asking import answer
     from socialbot.runs.folder import open_run
 

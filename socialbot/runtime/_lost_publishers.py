@@ -15,8 +15,8 @@ from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC
 from socialbot.bridge.stream_watch import LOST_S, SILENT_S
 from socialbot.graph.health import publishers
 from socialbot.graph.node import Graph
+from socialbot.graph.status import ACTIVE
 
-ACTIVE = "active"
 FRESH_S = 3.0
 """Longest time (s) between two reports of a running node; on /diagnostics they come once a second."""
 STEADY_S = LOST_S + SILENT_S

@@ -21,8 +21,9 @@ from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import DeviceError, InstallationError, NodeError
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
+from socialbot.graph.status import ACTIVE
 from socialbot.runs.record import RunTrace
-from socialbot.runtime._lost_publishers import ACTIVE, RENEWAL_PAUSE_S, RunningNodes
+from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RunningNodes
 from socialbot.runtime._processes import (
     DOCUMENTED,
     Process,

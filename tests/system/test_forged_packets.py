@@ -186,7 +186,7 @@ nodes:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["removed_publishers", "removed_subscriptions"])
 def test_processes_that_lose_a_running_publisher_are_restarted(name: str, tmp_path: Path) -> None:
-    """False news of discovery separates two processes for good. The launcher observes the graph anew."""
+    """False packets of discovery stop messages for good. `up` restarts the nodes, and observes the graph again."""
     new_key("robot", tmp_path / "keys")
     (tmp_path / "talking.yaml").write_text(TALKING)
     own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
@@ -197,7 +197,7 @@ def test_processes_that_lose_a_running_publisher_are_restarted(name: str, tmp_pa
         assert eventually(lambda: "says" in shown.read_text()), shown.read_text()
         attack(hosts.workstation, name, tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
         begun = time.monotonic()
-        again = "started again with a new DDS participant", "observes the graph anew"
+        again = "started again with a new DDS participant", "observes the graph again"
         assert eventually(lambda: any(text in shown.read_text() for text in again)), shown.read_text()
         if name == "removed_publishers":  # for all processes
             assert eventually(lambda: all(text in shown.read_text() for text in again)), shown.read_text()
@@ -215,7 +215,7 @@ def test_processes_that_lose_a_running_publisher_are_restarted(name: str, tmp_pa
 @pytest.mark.ros
 @pytest.mark.slow
 def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
-    """One GAP over 2^32 messages keeps Fast DDS busy for hours. The launcher observes the graph anew."""
+    """One GAP over 2^32 messages keeps Fast DDS busy for hours. `up` observes the graph again."""
     new_key("robot", tmp_path / "keys")
     (tmp_path / "voice.yaml").write_text(GRAPH)
     own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
@@ -228,7 +228,7 @@ def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
         attack(hosts.workstation, "endless_gap", tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
         assert eventually(lambda: "speech hung" in shown.read_text()), shown.read_text()
         assert eventually(lambda: "speech is back" in shown.read_text()), shown.read_text()
-        assert eventually(lambda: "observes the graph anew" in shown.read_text()), shown.read_text()
+        assert eventually(lambda: "observes the graph again" in shown.read_text()), shown.read_text()
         said = shown.read_text().count("says")
         assert eventually(lambda: shown.read_text().count("says") > said + 2), shown.read_text()
 
