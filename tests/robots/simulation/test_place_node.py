@@ -204,7 +204,7 @@ def test_the_default_detector_finds_the_drawn_people():
 def test_a_bag_of_the_demo_replays_to_the_same_decisions(tmp_path: Path):
     small = ["--set", f"{PLACE}.width=320", "--set", f"{PLACE}.height=240"]
     out = tmp_path / "run"
-    socialbot_here("demo", "foyer", "--duration", "30", "--seed", "1", "--out", str(out), *small)
+    socialbot_here("demo", "foyer", "--duration", "60", "--seed", "1", "--out", str(out), *small)
     replayed = socialbot_here("replay", str(out / "bag"), "--out", str(tmp_path / "replay"))
     results = json.loads((tmp_path / "replay" / "results.json").read_text())
     assert replayed.returncode == 0, replayed.stderr
