@@ -165,7 +165,7 @@ def _labelled(
 ) -> list[LabelledSource]:
     """Open the bags and data sets ``paths``, and the labelled ``images``."""
     from socialbot.vision.metrics.formats import labelled_sources, sniff
-    from socialbot.vision.metrics.frames import bag_source
+    from socialbot.vision.metrics.frames import bag_source, with_own_names
 
     if truth is not None and images is None and len(paths) != 1:
         remedy = "name one bag, or the folder of the images with --images"
@@ -175,10 +175,13 @@ def _labelled(
     sources = []
     for path in paths:
         if path.exists() and not _is_bag(path) and (format or sniff(path)):
-            sources += labelled_sources(path, truth if images is None else None, format, people)
+            found = labelled_sources(path, truth if images is None else None, format, people)
         else:
-            sources.append(bag_source(path, truth if images is None else None))
-    return sources if images is None else sources + labelled_sources(images, truth, format, people)
+            found = [bag_source(path, truth if images is None else None)]
+        sources += [(path, source) for source in found]
+    if images is not None:
+        sources += [(images, source) for source in labelled_sources(images, truth, format, people)]
+    return with_own_names(sources)
 
 
 def _is_bag(path: Path) -> bool:
@@ -201,7 +204,7 @@ def _sources(known: list[LabelledSource], split: str | None, errors: Console) ->
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ParameterError(f"two sources have the name {twice}", where="evaluate", remedy="give each its own name")
+        raise ParameterError(f"{twice} is given twice", where="evaluate", remedy="name it once")
     if not sources:
         raise ParameterError(f"no bag has the split {split}", where="--split", remedy="omit it, or name other bags")
     return tuple(sources)

@@ -80,7 +80,7 @@ def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):
     exports = ("--export", f"coco={tmp_path}/results.json", "--export", f"mot={tmp_path}/tracks")
     ended = evaluate(sequence, *QUICKLY, "--no-speed", "--figures", tmp_path / "f.json", *exports)
     assert ended.returncode == 0, ended.stderr
-    assert "4 boxes of class car are not used" in ended.stderr
+    assert "not used: 4 boxes of class car" in ended.stderr
     figures = json.loads((tmp_path / "f.json").read_text())
     scene = figures["detectors"]["hog"]["scenes"]["Hall-01"]
     tracks = (tmp_path / "tracks" / "Hall-01.txt").read_text().splitlines()
@@ -121,7 +121,7 @@ def test_unwritable_output_is_an_error_at_the_start(tmp_path, arguments, where):
         (["{bag}", "--bands", "2"], 4, "is not a band"),
         (["{bag}", "--split", "tune"], 4, "no bag has the split tune"),
         (["{bag}", "--truth", "x.json"], 3, "x.json: No such file"),
-        (["{bag}", "{bag}"], 4, "two sources have the name clip"),
+        (["{bag}", "{bag}"], 4, "clip is given twice"),
         (["{bag}", "--set", "colour=red"], 4, "no setting 'colour'"),
         (["nowhere"], 3, "no such file or folder"),
         (["--images", "nowhere"], 3, "no such file or folder"),

@@ -293,6 +293,29 @@ class LabelledSource:
     notes: tuple[str, ...] = ()
 
 
+def with_own_names(found: Sequence[tuple[Path, LabelledSource]]) -> list[LabelledSource]:
+    """Sources and the path of each; folders of the path come before names that occur more than once.
+
+    A path that is given twice keeps its name.
+    """
+    above = [path.resolve().parent.parts for path, _ in found]
+    names = [source.name for _, source in found]
+    for depth in range(1, max(map(len, above), default=0) + 1):
+        twice = {name for name in names if names.count(name) > 1}
+        if not twice:
+            break
+        names = [
+            "/".join((*parts[-depth:], source.name)) if name in twice else name
+            for (_, source), parts, name in zip(found, above, names, strict=True)
+        ]
+    return [
+        source
+        if names.count(name) > 1
+        else replace(source, name=name, scene=name if source.scene == source.name else source.scene)
+        for (_, source), name in zip(found, names, strict=True)
+    ]
+
+
 def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
     """Open a bag with the ground truth file ``labels``, by default the one beside it, or else that in it.
 

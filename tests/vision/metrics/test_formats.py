@@ -153,7 +153,7 @@ def test_further_classes_of_people(tmp_path):
 
 def test_skipped_classes_are_reported(tmp_path):
     write(tmp_path, {"coco.json": coco()})
-    assert one(tmp_path).notes == ("1 boxes of class car are not used",)
+    assert one(tmp_path).notes == ("not used: 1 box of class car",)
 
 
 # COCO
@@ -171,18 +171,35 @@ def test_coco_crowds_areas_and_ids(tmp_path):
     assert second.persons == ()
 
 
+def test_coco_panoptic_segments(tmp_path):
+    person = {"id": 7, "category_id": 3, "bbox": [40, 20, 30, 80], "area": 1200, "iscrowd": 0}
+    segments = [person, {**person, "id": 8, "category_id": 5}, {**person, "id": 9, "iscrowd": 1}]
+    entry = {"image_id": 7, "file_name": "a.png", "segments_info": segments}
+    write(tmp_path, {"annotations/panoptic_val.json": coco(annotations=[entry])}, ("val/a.jpg", "val/b.jpg"))
+    frame = one(tmp_path).frames[0]
+    assert [(person.box, person.area) for person in frame.persons] == [((40, 20, 30, 80), 1200)]
+    assert len(frame.ignore) == 1
+
+
+def test_coco_panoptic_segment_without_a_box(tmp_path):
+    entry = {"image_id": 7, "file_name": "a.png", "segments_info": [{"id": 7, "category_id": 3}]}
+    write(tmp_path, {"annotations/panoptic_val.json": coco(annotations=[entry])}, ("val/a.jpg", "val/b.jpg"))
+    with pytest.raises(TruthError, match=r"annotations\[0\].segments_info\[0\].*bbox"):
+        labelled_sources(tmp_path)
+
+
 def test_coco_outline_without_a_box(tmp_path):
     outline = {"id": 1, "image_id": 7, "category_id": 3, "segmentation": [[40, 20, 70, 20, 70, 100], [40, 90, 50, 100]]}
     other = {"id": 2, "image_id": 7, "category_id": 5}
     write(tmp_path, {"a.json": coco(annotations=[outline, other])})
     source = one(tmp_path)
     assert [person.box for frame in source.frames for person in frame.persons] == [BOX]
-    assert "1 boxes of class car are not used" in source.notes
+    assert "not used: 1 box of class car" in source.notes
 
 
 def test_impossible_box_of_another_class_is_counted_with_its_class(tmp_path):
     write(tmp_path, {"a.xml": voc(thing("person"), thing("cat", (70, 20, 40, 100)))}, ("a.jpg",))
-    assert "1 boxes of class cat are not used" in one(tmp_path).notes
+    assert "not used: 1 box of class cat" in one(tmp_path).notes
 
 
 def test_coco_image_named_by_its_address_alone(tmp_path):
@@ -238,6 +255,28 @@ def test_broken_coco(tmp_path, change, message):
     assert error.value.remedy
 
 
+# Names of sources
+
+
+@pytest.mark.parametrize(
+    ("file", "names"),
+    [
+        ("_annotations.coco.json", ["train", "valid"]),
+        ("instances.json", ["train/instances", "valid/instances"]),
+    ],
+)
+def test_parts_of_a_data_set_have_different_names(tmp_path, file, names):
+    parts = ("train", "valid")
+    write(
+        tmp_path,
+        {f"{part}/{file}": coco() for part in parts},
+        ("train/a.jpg", "train/b.jpg", "valid/a.jpg", "valid/b.jpg"),
+    )
+    sources = labelled_sources(tmp_path)
+    assert sorted(source.name for source in sources) == names
+    assert [source.scene for source in sources] == [source.name for source in sources]
+
+
 # YOLO
 
 
@@ -246,12 +285,27 @@ def test_yolo_images_without_labels_show_no_person(tmp_path):
     source = one(write(tmp_path, {**files, "labels/c.txt": ""}, (*images, "images/c.jpg")))
     assert [len(frame.persons) for frame in source.frames] == [1, 0, 0]
     assert "1 of 3 images have no label file: they show nobody" in source.notes
-    assert "1 boxes of class dog are not used" in source.notes
+    assert "not used: 1 box of class dog" in source.notes
 
 
 def test_yolo_without_names(tmp_path):
     source = one(write(tmp_path, {"labels/a.txt": YOLO}, ("images/a.jpg",)))
     assert "no data.yaml and no classes.txt: class 0 is taken for people" in source.notes
+
+
+def test_yolo_without_names_takes_the_given_class_for_people(tmp_path):
+    write(
+        tmp_path, {"labels/a.txt": YOLO, "labels/b.txt": YOLO.replace("0 ", "3 ", 1)}, ("images/a.jpg", "images/b.jpg")
+    )
+    [source] = labelled_sources(tmp_path, people=["3"])
+    assert [len(frame.persons) for frame in source.frames] == [0, 1]
+    assert not any("taken for people" in note for note in source.notes)
+
+
+def test_yolo_data_set_whose_folder_is_called_labels(tmp_path):
+    files = {"classes.txt": "person\ncar\ndog\n", "labels/train/a.txt": YOLO}
+    source = one(write(tmp_path / "labels", files, ("images/train/a.jpg",)))
+    assert source.frames[0].persons[0].box == pytest.approx(BOX, abs=0.01)
 
 
 def test_yolo_outlines_and_key_points(tmp_path):
@@ -344,7 +398,7 @@ def test_voc_difficult_people_are_ignored(tmp_path):
     assert source.frames[0].size == (WIDTH, HEIGHT)
     assert source.notes == (
         "1 images in JPEGImages have no XML file and are not used",
-        "1 boxes of class cat are not used",
+        "not used: 1 box of class cat",
     )
 
 

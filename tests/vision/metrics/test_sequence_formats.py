@@ -39,7 +39,7 @@ def test_mot_classes_times_and_ids(tmp_path):
     assert [region.box for region in second.ignore] == [(0, 90, 60, 30)]
     assert source.images.consecutive
     assert source.identities
-    assert source.notes == ("1 boxes of class car are not used",)
+    assert source.notes == ("not used: 1 box of class car",)
     assert source.least_visible == 0
 
 
@@ -186,7 +186,7 @@ def test_cvat_images(tmp_path):
     first, second = source.frames
     assert [person.box for person in first.persons] == [BOX, (90, 20, 20, 40)]
     assert second.persons == ()
-    assert source.notes == ("1 boxes of class car are not used", "1 boxes of shape points are not used")
+    assert source.notes == ("not used: 1 box of class car", "not used: 1 box of shape points")
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_cvat_skeleton_without_visible_points_is_told(tmp_path):
     shape = '<skeleton label="person"><points label="1" outside="1" points="50,20"></points></skeleton>'
     text = CVAT_IMAGES.replace("  </image>", f"{shape}</image>", 1)
     source = one(write(tmp_path, {"annotations.xml": text}, ("images/a.jpg", "images/b.jpg")))
-    assert "1 boxes of shape skeleton are not used" in source.notes
+    assert "not used: 1 box of shape skeleton" in source.notes
 
 
 def test_cvat_images_of_a_video(tmp_path):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from socialbot.core.errors import BagError, ImageError, TruthError
-from socialbot.vision.metrics.frames import bag_source, image_sources
+from socialbot.vision.metrics.frames import bag_source, image_sources, with_own_names
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures
 
 
@@ -35,6 +35,22 @@ def test_objects_of_the_recording_are_in_every_frame(tmp_path):
     path.write_text(json.dumps(content))
     kinds = [[each.kind for each in frame.objects] for frame in bag_source(bag).frames]
     assert kinds == [["poster"], ["poster", "shadow"]]
+
+
+def test_bags_of_the_same_name_are_named_by_their_folders(tmp_path):
+    days = [tmp_path / lab / "monday" for lab in ("east", "west")] + [tmp_path / "east" / "friday"]
+    paths = []
+    for day in days:
+        day.mkdir(parents=True)
+        paths.append(drawn_bag(day, "walk", frames=2))
+    paths.append(drawn_bag(tmp_path, "other", frames=2))
+    sources = with_own_names([(path, bag_source(path)) for path in paths])
+    assert [source.name for source in sources] == ["east/monday/walk", "west/monday/walk", "friday/walk", "other"]
+
+
+def test_a_bag_that_is_given_twice_keeps_its_name(tmp_path):
+    bag = drawn_bag(tmp_path, "walk", frames=2)
+    assert [source.name for source in with_own_names([(bag, bag_source(bag))] * 2)] == ["walk", "walk"]
 
 
 @pytest.mark.parametrize("beside", [True, False])

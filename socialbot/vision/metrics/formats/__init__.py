@@ -22,7 +22,7 @@ from socialbot.vision.metrics.formats.kitti import KITTI
 from socialbot.vision.metrics.formats.mot import MOT
 from socialbot.vision.metrics.formats.voc import VOC
 from socialbot.vision.metrics.formats.yolo import YOLO
-from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources
+from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources, with_own_names
 
 __all__ = ["FORMATS", "LabelFormat", "Labels", "label_format", "labelled_images", "labelled_sources", "sniff"]
 
@@ -115,6 +115,6 @@ def labelled_sources(
         chosen = FORMATS[name]
     place = images if truth is not None else None
     places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]
-    sources = [source for each in places for source in chosen.read(each, place, people)]
+    sources = with_own_names([(each, source) for each in places for source in chosen.read(each, place, people)])
     note = chosen.note(labels) if labels.is_dir() else ""
     return [replace(sources[0], notes=(*sources[0].notes, note)), *sources[1:]] if note and sources else sources

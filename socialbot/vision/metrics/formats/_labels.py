@@ -247,7 +247,9 @@ class Labels:
             )
             for number, entry in enumerate(entries)
         )
-        skipped = [f"{count} boxes {what} are not used" for what, count in self.skipped.most_common()]
+        skipped = [
+            f"not used: {count} {'box' if count == 1 else 'boxes'} {what}" for what, count in self.skipped.most_common()
+        ]
         if not any(self.persons.values()):
             classes = f" Its classes are {_some(sorted(self.classes))}; name one with --people" if self.classes else ""
             skipped.insert(0, f"nobody is labelled.{classes}")

@@ -28,6 +28,7 @@ from socialbot.vision.metrics.formats._labels import (
 from socialbot.vision.metrics.frames import LabelledSource
 from socialbot.vision.metrics.truth import parse_json, read_json
 
+ROBOFLOW = "_annotations.coco.json"  # The same name in each folder of a data set of Roboflow.
 REMEDY = "give a COCO file with images, annotations (with bbox) and categories, such as instances_val2017.json"
 
 Key = int | str
@@ -61,6 +62,14 @@ class _Annotation(msgspec.Struct):
     track_id: Key | None = None
     distance_m: float | None = None
     score: float | None = None
+    segments_info: list[msgspec.Raw] = []  # of panoptic labels: all objects of an image
+
+
+class _Segment(msgspec.Struct):
+    category_id: Key
+    bbox: list[float]
+    iscrowd: int | bool | None = 0
+    area: float | None = None
 
 
 class _Video(msgspec.Struct):
@@ -128,9 +137,8 @@ def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()
     if len(by_id) < len(listed):
         twice = next(image.id for number, image in enumerate(listed) if listed[number] is not by_id[image.id])
         raise fault(f"two images have the id {twice}", path, "give each image its own id")
-    identities = _add_annotations(
-        labels, _parsed(data.annotations, _Annotation, path, "annotations"), by_id, categories
-    )
+    annotations = _with_segments(_parsed(data.annotations, _Annotation, path, "annotations"), path)
+    identities = _add_annotations(labels, annotations, by_id, categories)
     labels.check_people(categories.values())
     people_ids = [id for id, name in categories.items() if role_of(name, people) == "person"]
     finder = ImageFinder(*([images] if images else [path.parent / path.stem.rpartition("_")[2], *_nearby(path)]))
@@ -158,7 +166,8 @@ def _source(
     about: dict[str, Any],
 ) -> LabelledSource:
     path = labels.path
-    name = path.stem if key is None else f"{path.stem}/{video.name if video and video.name else key}"
+    name = path.parent.resolve().name if path.name == ROBOFLOW else path.stem
+    name = name if key is None else f"{name}/{video.name if video and video.name else key}"
     if key is None:
         paths = [place for image in group if (place := found[image.id]) is not None]
         images, stamps = single_images(paths)
@@ -180,13 +189,29 @@ def _source(
     )
 
 
+def _with_segments(annotations: list[_Annotation], path: Path) -> list[tuple[str, _Annotation]]:
+    """Each annotation with its place in the file; panoptic labels become one annotation for each segment."""
+    found: list[tuple[str, _Annotation]] = []
+    for number, each in enumerate(annotations):
+        where = f"annotations[{number}]"
+        for part, segment in enumerate(_parsed(each.segments_info, _Segment, path, f"{where}.segments_info")):
+            box, crowd, area = segment.bbox, segment.iscrowd, segment.area
+            one = _Annotation(each.image_id, segment.category_id, box, iscrowd=crowd, area=area)
+            found.append((f"{path}: {where}.segments_info[{part}]", one))
+        if not each.segments_info:
+            found.append((f"{path}: {where}" + (f" (id {each.id})" if each.id is not None else ""), each))
+    return found
+
+
 def _add_annotations(
-    labels: Labels, annotations: list[_Annotation], images: dict[Key, _Image], categories: dict[Key, str]
+    labels: Labels,
+    annotations: list[tuple[str, _Annotation]],
+    images: dict[Key, _Image],
+    categories: dict[Key, str],
 ) -> bool:
     """Add all boxes; returns whether people have ids."""
     identities = bool(annotations)
-    for number, each in enumerate(annotations):
-        where = f"{labels.path}: annotations[{number}]" + (f" (id {each.id})" if each.id is not None else "")
+    for where, each in annotations:
         refuse_score(each.score or 0, where)
         if each.image_id not in images:
             raise fault(

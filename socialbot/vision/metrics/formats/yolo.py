@@ -88,12 +88,12 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
     names_at, keypoints, parts = _description(path if path.is_file() else _yaml_of(folder), folder)
     names, where = names_at
     if not names:
-        above = [folder, folder.parent] if folder.name == "labels" else [folder]
+        above = [folder, folder.parent] if _holds_labels(folder) else [folder]
         file = next((file for base in above for name in NAME_FILES for file in sorted(base.glob(name))), None)
         names = dict(enumerate(read_text(file).split("\n"))) if file else {}
         names, where = {number: name.strip() for number, name in names.items() if name.strip()}, file or folder
     parts = {"": [images]} if images is not None else parts or _parts(folder)
-    labelled = path if path.is_dir() and (images is not None or folder.name == "labels") else None
+    labelled = path if path.is_dir() and (images is not None or _holds_labels(folder)) else None
     files: dict[str, dict[Path, Path | None]] = {}
     for part, places in parts.items():
         paths = sorted({image for place in places for image in _images(place)}, key=lambda path: natural(path))
@@ -103,11 +103,16 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
         raise ImageError("no images", where=str(folder), remedy="put them into images/, or give --images")
     if not any(file for part in files.values() for file in part.values()):
         raise fault("no image has a label file", where, "put NAME.txt for NAME.jpg into a folder labels")
-    title = (folder.parent if folder.name == "labels" else folder).resolve().name
+    title = (folder.parent if _holds_labels(folder) else folder).resolve().name
     return [
         _source("/".join(word for word in (title, part) if word), there, names, where, keypoints, people)
         for part, there in files.items()
     ]
+
+
+def _holds_labels(folder: Path) -> bool:
+    """Whether ``folder`` is the folder of labels in a data set, and no data set of that name."""
+    return folder.name == "labels" and not (folder / "labels").is_dir()
 
 
 def _source(
@@ -119,7 +124,8 @@ def _source(
     people: Sequence[str],
 ) -> LabelledSource:
     labels = Labels(where, people)
-    if not names:
+    first = "0" if people else "person"
+    if not names and not people:
         labels.notes.append("no data.yaml and no classes.txt: class 0 is taken for people")
     entries, unlabelled = [], 0
     pictures, stamps = single_images(list(files))
@@ -137,7 +143,7 @@ def _source(
             if names and int(number) not in names:
                 raise fault(f"class {int(number)} has no name", place, f"name it in {where}")
             box = _box(words[1:], size, keypoints, place)
-            labels.add(str(path), names.get(int(number), "person" if number == 0 else f"{int(number)}"), box, place)
+            labels.add(str(path), names.get(int(number), f"{int(number)}" if number else first), box, place)
     if unlabelled:
         labels.notes.append(f"{unlabelled} of {len(files)} images have no label file: they show nobody")
     labels.check_people(names.values())
@@ -182,7 +188,7 @@ def _label_file(image: Path, folder: Path | None) -> Path | None:
 
 def _parts(folder: Path) -> dict[str, list[Path]]:
     """Folders of images by part, without a description."""
-    base = folder.parent if folder.name == "labels" else folder
+    base = folder.parent if _holds_labels(folder) else folder
     for pattern in ("images/{}", "{}/images", "{}"):
         found = {part: [base / pattern.format(part)] for part in SPLITS}
         if any(image_files(place) for [place] in found.values()):
