@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import ParameterError, SocialbotError
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
@@ -91,6 +91,8 @@ def write_page(
             page = f"its page: {(report.write if report else write_report)(record.folder, title)}"
         except OSError as error:
             page = f"its page cannot be written: {error.strerror}"
+        except SocialbotError as error:  # its files were removed, and could not be written again
+            page = f"its page cannot be written: {error}"
     console.print(f"The record of this run: {record.folder}; {page}", soft_wrap=True, markup=False)
 
 

@@ -116,13 +116,24 @@ class LossyLog:
         try:
             if now >= self._look_at:
                 self._look_at = now + RETRY_S
-                if self._log.is_gone:
-                    self._log.reopen()
+                self._reopen_if_gone()
             self._log.write(line)
         except OSError as error:
             self.problem = error.strerror or str(error)
             self.lost += 1
         else:
+            self.problem = ""
+
+    def restore(self) -> None:
+        """Begin a new file if the old one was removed, also while there is nothing to write."""
+        try:
+            self._reopen_if_gone()
+        except OSError as error:
+            self.problem = error.strerror or str(error)
+
+    def _reopen_if_gone(self) -> None:
+        if self._log.is_gone:
+            self._log.reopen()
             self.problem = ""
 
     def close(self) -> None:

@@ -144,9 +144,8 @@ class RunTrace:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._trace.close()
-        if self._seen is not None:
-            self._seen.close()
+        for file in self._files():
+            file.close()
         if error is not None:
             self._discard_unstarted()
 
@@ -189,11 +188,16 @@ class RunTrace:
     @property
     def lost(self) -> int:
         """Number of lines that could not be written."""
-        return sum(file.lost for file in (self._trace, self._seen) if file is not None)
+        return sum(file.lost for file in self._files())
 
     def check(self) -> str:
-        """Return why the record cannot be written at present; empty if it can. Listeners learn of a change."""
-        problem = self._trace.problem or ("" if self._seen is None else self._seen.problem)
+        """Return why the record cannot be written at present; empty if it can. Listeners learn of a change.
+
+        Files that were removed begin anew.
+        """
+        for file in self._files():
+            file.restore()
+        problem = next((file.problem for file in self._files() if file.problem), "")
         with contextlib.suppress(OSError):
             graph = self.folder / GRAPH
             if self._graph and not problem and not graph.exists():  # the folder was removed, and is there again
@@ -207,6 +211,11 @@ class RunTrace:
                 listener.note_problem(text)
         return problem
 
+    def _files(self) -> Iterator[LossyLog]:
+        yield self._trace
+        if self._seen is not None:
+            yield self._seen
+
     def observe(self, topic: str, message: Message) -> None:
         for listener in self._listeners:
             listener.observe(topic, message)
@@ -219,6 +228,7 @@ class RunTrace:
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:
+        self.check()
         path = self.folder / RESULTS
         try:
             path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import msgspec
 import pytest
@@ -24,6 +25,7 @@ from socialbot.core.messages import (
 )
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
+from socialbot.runs.folder import open_run
 from socialbot.runs.record import RECORDED, RunRecord, RunTrace, event_log_topics, trace_record, with_event_log
 
 PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
@@ -182,6 +184,32 @@ def test_trace_keeps_nothing_in_memory(tmp_path):
 
 
 COMMAND = ActionCommand(stamp=1, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",))
+
+
+@pytest.mark.parametrize("looked_at", [True, False])
+def test_a_removed_run_has_all_its_files_again_without_a_further_message(tmp_path, looked_at):
+    run = tmp_path / "run"
+    with RunTrace(run, lossy=True) as record:
+        record.describe(load_graph("hospital"))
+        record.observe("/topic", DETECTIONS)
+        shutil.rmtree(run)
+        if looked_at:
+            assert record.check() == ""
+            assert {path.name for path in run.iterdir()} == {"graph.yaml", "seen.jsonl", "trace.jsonl"}
+            shutil.rmtree(run)
+        record.write_results({})
+    assert {path.name for path in run.iterdir()} >= {"graph.yaml", "seen.jsonl", "trace.jsonl"}
+    assert open_run(run).problems == []
+
+
+def test_a_removed_run_that_cannot_be_written_again_has_a_problem(tmp_path):
+    run = tmp_path / "above" / "run"
+    with RunTrace(run, lossy=True) as record:
+        shutil.rmtree(tmp_path / "above")
+        (tmp_path / "above").write_text("in the way")
+        assert record.check() != ""
+        (tmp_path / "above").unlink()
+        assert record.check() == ""
 
 
 def test_derived_records_follow_their_messages():
