@@ -170,6 +170,7 @@ class Check:
         """Process id: begin of its observation, and its memory (bytes) after `SETTLED_S`, or 0."""
         self._faults: list[tuple[float, float]] = []
         self._pids: dict[str, dict[str, int]] = {}
+        self._may_end = ("", "")
         self.checks = 0
         self.observed_anew = 0
         """How often DDS blocked an observer of this check."""
@@ -177,8 +178,10 @@ class Check:
     def after(self, fault: str, begun: float, may_end: tuple[str, str] = ("", "")) -> list[str]:
         """Wait for recovery from a fault that began at ``begun``; return the violated invariants.
 
-        The process of the graph and node ``may_end`` may be another one than before.
+        The process of the graph and node ``may_end`` may be another one than before, also after the next fault: a node
+        that had no memory may end some seconds later.
         """
+        may, self._may_end = (may_end, self._may_end), may_end
         found: list[str] = []
         clock = FairClock()
         while (ill := self._ill()) and clock.tick() < RECOVERY_S and self._all_run():
@@ -191,7 +194,7 @@ class Check:
             if (code := subject.process.poll()) is not None:
                 found.append(f"{subject.name}: up ended with code {code} after {fault}")
             found += [f"{subject.name}: {what} after {fault}" for what in (*_trace(subject), *self._speech(subject))]
-        found += [f"{what} without a cause at {fault}" for what in self._restarted(may_end)]
+        found += [f"{what} without a cause at {fault}" for what in self._restarted(may)]
         if (stale := sum(1 for _ in stale_locks())) > MOST_STALE:
             found.append(f"{stale} segments of shared memory of ended processes after {fault}")
         found += [f"orphan after {fault}: {orphan}" for orphan in orphans(self._subjects)]
@@ -202,13 +205,13 @@ class Check:
     def _ill(self) -> dict[str, list[str]]:
         return {subject.name: ill for subject in self._subjects if (ill := subject.ill())}
 
-    def _restarted(self, may_end: tuple[str, str]) -> Iterator[str]:
-        """Nodes with another process than before, except for ``may_end``."""
+    def _restarted(self, may_end: tuple[tuple[str, str], ...]) -> Iterator[str]:
+        """Nodes with another process than before, except for those of ``may_end``."""
         for subject in self._subjects:
             pids, before = subject.pids(), self._pids.get(subject.name, {})
             self._pids[subject.name] = pids
             for node, pid in pids.items():
-                if before.get(node, pid) != pid and (subject.name, node) != may_end:
+                if before.get(node, pid) != pid and (subject.name, node) not in may_end:
                     yield f"{subject.name}: {node} was restarted"
 
     def _all_run(self) -> bool:

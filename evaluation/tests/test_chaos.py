@@ -87,6 +87,20 @@ def test_a_process_restarted_without_a_cause_is_found(subject):
     assert check.after("a kill", 0.0, ("waldo", "head")) == []
 
 
+def test_a_process_without_memory_may_end_during_the_next_fault(subject):
+    check = Check([subject])
+    pids = iter((os.getpid(), os.getppid()))
+
+    def restart():
+        subject.reported["head"] = (time.monotonic() + 1e6, {"state": "active", "pid": str(next(pids))})
+
+    assert check.after("no memory", 0.0, ("waldo", "head")) == []
+    restart()
+    assert check.after("a pause", 0.0) == []
+    restart()
+    assert check.after("a pause", 0.0) == ["waldo: head was restarted without a cause at a pause"]
+
+
 def test_a_limit_counts_time_without_waiting_for_a_processor():
     steady_s, stalled_s = 100.0, 7.0
     clock = FairClock(lambda: steady_s, lambda: stalled_s)
