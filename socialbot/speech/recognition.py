@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -22,6 +23,8 @@ _TOKENS_PER_S, _TOKENS = 12, 16  # More text than anybody speaks is a repetition
 _FRAMES_PER_S = 100
 _MIN_LOG_PROBABILITY = -1.0
 _NO_SPEECH = 0.6
+_MOST_COMPRESSION = 2.4
+_LONGEST_WORD = 20
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,9 @@ class WhisperRecognizer:
         found = self._recognize(
             samples, min(_LONGEST_S, max(_SHORTEST_S, math.ceil(samples.size / RATE_HZ) + _PADDING_S))
         )
-        return self._recognize(samples, _LONGEST_S) if found is not None and repeats(found.text) else found
+        if found is not None and (repeats(found.text) or loops(found.text)):
+            found = self._recognize(samples, _LONGEST_S)
+        return None if found is not None and loops(found.text) else found
 
     def _recognize(self, samples: np.ndarray, seconds: int) -> RecognizedText | None:
         """Recognise speech that is padded to a number of seconds."""
@@ -124,3 +129,16 @@ def repeats(text: str) -> bool:
     words = re.findall(r"\w+", text.lower())
     triples = list(zip(words, words[1:], words[2:], strict=False))
     return len(set(triples)) < len(triples)
+
+
+def loops(text: str) -> bool:
+    """Whether a text says the same so often that no person did, such as one letter a hundred times.
+
+    The measure, how far the text can be compressed, and its limit are those of Whisper. A person may well say one word
+    again and again, such as "stop".
+    """
+    words = set(re.findall(r"\w+", text.lower()))
+    if len(words) == 1 and len(min(words)) <= _LONGEST_WORD:
+        return False
+    data = text.encode()
+    return len(data) > _MOST_COMPRESSION * len(zlib.compress(data))

@@ -10,7 +10,8 @@ import pytest
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.speech import recognition_models
-from socialbot.speech.recognition import WhisperRecognizer, repeats
+from socialbot.speech.audio import RATE_HZ
+from socialbot.speech.recognition import WhisperRecognizer, loops, repeats
 from socialbot.speech.recognition_models import MODELS, Part, SpeechModel, load_files
 from tests.speech.sounds import spoken
 
@@ -28,6 +29,36 @@ from tests.speech.sounds import spoken
 )
 def test_texts_that_repeat_themselves(text: str, again: bool) -> None:
     assert repeats(text) == again
+
+
+@pytest.mark.parametrize(
+    ("text", "again"),
+    [
+        ("a" * 157, True),
+        ("You're welcome. " * 9, True),
+        ("Stop! " * 20, False),
+        ("Ha ha ha ha ha ha ha.", False),
+        ("No, thank you. I know the way. No, thank you. I know the way.", False),
+        ("", False),
+    ],
+)
+def test_texts_that_nobody_says(text: str, again: bool) -> None:
+    assert loops(text) == again
+
+
+def test_a_steady_tone_like_a_vowel_has_no_text() -> None:
+    pytest.importorskip("faster_whisper")
+    if not recognition_models.is_installed("base"):
+        pytest.skip("the model base is not installed")
+    times = np.arange(5 * RATE_HZ) / RATE_HZ
+    formants = (700, 1200, 2600)
+    tone = sum(
+        np.sin(2 * np.pi * 150 * n * times) * sum(1 / (1 + ((150 * n - peak) / 80) ** 2) for peak in formants)
+        for n in range(1, 30)
+    )
+    noise = np.random.default_rng(0).normal(0, 60, times.size)
+    sound = tone / np.abs(tone).max() * 12000 + noise
+    assert WhisperRecognizer("base", ("en",)).recognize(sound.astype(np.int16)) is None
 
 
 @pytest.fixture
