@@ -429,11 +429,12 @@ class HeardSpeech(Structured, frozen=True, kw_only=True):
     """Recognised speech from ``start`` (ns) to the stamp, its end.
 
     ``language`` is an ISO 639-1 code, ``person`` the ROS4HRI id of the speaker, and ``voice`` the id of the voice;
-    each is empty if unknown.
+    each is empty if unknown. ``alternatives`` are other texts that may have been said, the most likely one first.
     """
 
     start: Int64
     text: Sentence
+    alternatives: tuple[str, ...] = ()
     language: str = ""
     confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     person: str = ""

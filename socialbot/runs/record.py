@@ -306,7 +306,7 @@ def trace_record(topic: str, message: Message) -> TraceRecord | None:
                 detail = {"persons": msgspec.to_builtins(persons), "width": message.width, "height": message.height}
         case HeardSpeech(id=id, text=what):
             kind = "hearing"
-            names = ("person", "language", "voice")
+            names = ("person", "language", "voice", "alternatives")
             detail = {name: getattr(message, name) for name in names if getattr(message, name)}
             detail |= {"confidence": message.confidence, "start": message.start}
         case Utterance(id=id, text=what, cause=cause):

@@ -89,7 +89,7 @@ class Hearing(Node):
     languages = Parameter("en", "languages to choose from, as in en,de (ISO 639-1)", fixed=True)
     vocabulary = Parameter("", "names and words to expect, as text", fixed=True)
     threads = Parameter(1, "threads of the recogniser", minimum=1, maximum=64, fixed=True)
-    least_confidence = Parameter(0.4, "lowest confidence of a text that counts", minimum=0.0, maximum=1.0)
+    least_confidence = Parameter(0.3, "lowest confidence of a text that counts", minimum=0.0, maximum=1.0)
     speech_probability = Parameter(0.5, "probability of speech that begins it", minimum=0.05, maximum=0.95, fixed=True)
     silence_s = Parameter(0.5, "silence that ends speech, s", minimum=0.1, maximum=5.0, fixed=True)
     max_speech_s = Parameter(25.0, "longest speech, s; it is cut there", minimum=1.0, maximum=28.0, fixed=True)
@@ -295,6 +295,7 @@ class Hearing(Node):
                 stamp=segment.end,
                 start=segment.start,
                 text=result.text,
+                alternatives=result.alternatives,
                 language=result.language,
                 confidence=round(result.confidence, 3),
                 person=voice.person,

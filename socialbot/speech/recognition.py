@@ -7,7 +7,7 @@ import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,19 +21,23 @@ _PADDING_S = 4  # Silence after the speech; with less the network repeats itself
 _SHORTEST_S = 10
 _TOKENS_PER_S, _TOKENS = 12, 16  # More text than anybody speaks is a repetition.
 _FRAMES_PER_S = 100
-_MIN_LOG_PROBABILITY = -1.0
-_NO_SPEECH = 0.6
+_BEAMS = 5
+_NO_SPEECH, _SURE = 0.6, 0.6
 _MOST_COMPRESSION = 2.4
 _LONGEST_WORD = 20
 
 
 @dataclass(frozen=True)
 class RecognizedText:
-    """Text of a piece of speech, its language (ISO 639-1), and a confidence from 0 to 1."""
+    """Text of a piece of speech, its language (ISO 639-1), and a confidence from 0 to 1.
+
+    ``alternatives`` are texts with other words that are likely, too, the most likely one first.
+    """
 
     text: str
     language: str
     confidence: float
+    alternatives: tuple[str, ...] = ()
 
 
 class SpeechRecognizer(Protocol):
@@ -104,24 +108,78 @@ class WhisperRecognizer:
         features = self._network.feature_extractor(sound)[:, : seconds * _FRAMES_PER_S]
         encoded = self._network.encode(features)
         language = self._language(encoded)
-        tokenizer = self._tokenizers[language]
-        prompt = self._network.get_prompt(tokenizer, [], without_timestamps=True, hotwords=self._vocabulary or None)
-        most = len(prompt) + _TOKENS + round(_TOKENS_PER_S * samples.size / RATE_HZ)
-        result = self._network.model.generate(
-            encoded, [prompt], beam_size=5, max_length=min(most, self._network.max_length), return_scores=True,
-            return_no_speech_prob=True,
-        )[0]  # fmt: skip
-        text = tokenizer.decode(result.sequences_ids[0]).strip()
-        likely = float(result.scores[0])
-        if not text or likely < _MIN_LOG_PROBABILITY or (result.no_speech_prob > _NO_SPEECH and likely < -0.5):
+        plain, no_speech = self._decode(encoded, language, samples.size / RATE_HZ, "")
+        if plain is None or (no_speech > _NO_SPEECH and plain.confidence < _SURE):
             return None
-        return RecognizedText(text, language, min(1.0, math.exp(likely)))
+        if not self._vocabulary:
+            return plain
+        # The network writes expected words into noise, too: they count only if speech is found without them.
+        expecting, _ = self._decode(encoded, language, samples.size / RATE_HZ, self._vocabulary)
+        return plain if expecting is None else merged(plain, expecting)
+
+    def _decode(
+        self, encoded: Any, language: str, seconds: float, vocabulary: str
+    ) -> tuple[RecognizedText | None, float]:
+        """Return the text of speech of so many seconds, and the probability that it is no speech."""
+        tokenizer = self._tokenizers[language]
+        prompt = self._network.get_prompt(tokenizer, [], without_timestamps=True, hotwords=vocabulary or None)
+        most = len(prompt) + _TOKENS + round(_TOKENS_PER_S * seconds)
+        result = self._network.model.generate(
+            encoded, [prompt], beam_size=_BEAMS, num_hypotheses=_BEAMS, max_length=min(most, self._network.max_length),
+            return_scores=True, return_no_speech_prob=True,
+        )[0]  # fmt: skip
+        hypotheses = [
+            Hypothesis(tokenizer.decode(ids).strip(), float(score), len(ids) + 1)
+            for ids, score in zip(result.sequences_ids, result.scores, strict=True)
+        ]
+        return combined(hypotheses, language), float(result.no_speech_prob)
 
     def _language(self, encoded: Any) -> str:
         if len(self._languages) == 1:
             return self._languages[0]
         shares = {token[2:-2]: share for token, share in self._network.model.detect_language(encoded)[0]}
         return max(self._languages, key=lambda language: shares.get(language, 0.0))
+
+
+class Hypothesis(NamedTuple):
+    """Text that may have been said, the mean logarithm of the probabilities of its tokens, and their number."""
+
+    text: str
+    score: float
+    tokens: int
+
+
+def combined(hypotheses: Sequence[Hypothesis], language: str) -> RecognizedText | None:
+    """Return the most likely words; hypotheses that differ only in case and punctuation count together.
+
+    The network spreads the probability of a short sentence over its spellings. None without words.
+    """
+    shares: dict[tuple[str, ...], float] = {}
+    first: dict[tuple[str, ...], Hypothesis] = {}
+    for each in hypotheses:
+        if words := _words(each.text):
+            shares[words] = shares.get(words, 0.0) + math.exp(each.score * each.tokens)
+            first.setdefault(words, each)
+    if not shares:
+        return None
+    order = sorted(shares, key=lambda words: shares[words] ** (1 / first[words].tokens), reverse=True)
+    best = first[order[0]]
+    confidence = shares[order[0]] ** (1 / best.tokens)
+    others = tuple(first[words].text for words in order[1:])
+    return RecognizedText(best.text, language, min(1.0, confidence), others)
+
+
+def merged(one: RecognizedText, other: RecognizedText) -> RecognizedText:
+    """Return the more confident of two texts of the same speech, with the words of the other as alternatives."""
+    best, second = (one, other) if one.confidence > other.confidence else (other, one)
+    texts: dict[tuple[str, ...], str] = {}
+    for text in (best.text, second.text, *best.alternatives, *second.alternatives):
+        texts.setdefault(_words(text), text)
+    return RecognizedText(best.text, best.language, best.confidence, tuple(texts.values())[1:])
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(re.findall(r"\w+", text.lower()))
 
 
 def repeats(text: str) -> bool:

@@ -1,5 +1,6 @@
 """Recognition of speech: models, their checks, and texts."""
 
+import math
 import shutil
 import sys
 from pathlib import Path
@@ -11,7 +12,15 @@ from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.speech import recognition_models
 from socialbot.speech.audio import RATE_HZ
-from socialbot.speech.recognition import WhisperRecognizer, loops, repeats
+from socialbot.speech.recognition import (
+    Hypothesis,
+    RecognizedText,
+    WhisperRecognizer,
+    combined,
+    loops,
+    merged,
+    repeats,
+)
 from socialbot.speech.recognition_models import MODELS, Part, SpeechModel, load_files
 from tests.speech.sounds import spoken
 
@@ -171,3 +180,31 @@ def test_bytes_that_are_no_model(folder: Path) -> None:
     pytest.importorskip("faster_whisper")
     with pytest.raises(ParameterError, match=r"'\.' is no speech model"):
         WhisperRecognizer(".", ["en"])
+
+
+def test_spellings_of_the_same_words_count_together() -> None:
+    found = combined(
+        [
+            Hypothesis("Bye-bye", -1.27, 4),
+            Hypothesis("Goodbye.", -1.29, 3),
+            Hypothesis("Goodbye", -1.35, 3),
+            Hypothesis("goodbye!", -1.5, 3),
+            Hypothesis("...", -0.1, 2),
+        ],
+        "en",
+    )
+    assert found is not None
+    assert (found.text, found.alternatives) == ("Goodbye.", ("Bye-bye",))
+    assert found.confidence == pytest.approx((math.exp(-3.87) + math.exp(-4.05) + math.exp(-4.5)) ** (1 / 3))
+
+
+def test_sounds_without_words_are_no_text() -> None:
+    assert combined([Hypothesis("...", -0.1, 2), Hypothesis("", -0.2, 1)], "en") is None
+
+
+def test_the_more_confident_text_counts_and_the_other_is_an_alternative() -> None:
+    one = RecognizedText("Goodbye.", "en", 0.4, ("Good boy.",))
+    other = RecognizedText("goodbye", "en", 0.3, ("Good buy", "good boy"))
+    found = merged(one, other)
+    assert (found.text, found.confidence, found.alternatives) == ("Goodbye.", 0.4, ("Good boy.", "Good buy"))
+    assert merged(other, one) == found
