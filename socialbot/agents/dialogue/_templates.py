@@ -20,6 +20,22 @@ _SHORT_FORMS = {
 _ENGLISH_SHORT = re.compile(r"(?<=\w)(n't|'re|'m|'ll|'ve|'d|'s)\b")
 _CLAUSE_END = re.compile(r"[,.;:!?\u00bf\u00a1\u2026]+|\s[-\u2013\u2014]+\s")
 _IRREGULAR = {"can't": "can not", "won't": "will not", "cannot": "can not"}
+_TITLES = {
+    "en": {"dr": "doctor", "mr": "mister", "mrs": "missis", "ms": "miss", "prof": "professor"},
+    "de": {"dr": "doktor", "prof": "professor"},
+    "es": {"dr": "doctor", "dra": "doctora", "sr": "senor", "sra": "senora"},
+    "fr": {"dr": "docteur", "m": "monsieur", "mr": "monsieur", "mme": "madame", "pr": "professeur"},
+}
+_NUMBERS = {
+    word: str(number)
+    for line in (
+        "two three four five six seven eight nine ten eleven twelve",
+        "zwei drei vier funf sechs sieben acht neun zehn elf zwolf",
+        "dos tres cuatro cinco seis siete ocho nueve diez once doce",
+        "deux trois quatre cinq six sept huit neuf dix onze douze",
+    )
+    for number, word in enumerate(line.split(), 2)
+}
 
 
 class Slot(NamedTuple):
@@ -39,17 +55,27 @@ Part = str | Slot
 
 
 def words(text: str, language: str = "") -> list[list[str]]:
-    """Split ``text`` into clauses of normalized words: lower case, without accents, punctuation and short forms.
+    """Split ``text`` into clauses of normalized words, as people write and recognisers spell the same speech.
+
+    Words are in lower case, without accents, punctuation and short forms. Titles are written out, small numbers are
+    digits.
 
     >>> words("No, where's the Café?", "en")
     [['no'], ['where', 'is', 'the', 'cafe']]
+    >>> words("Dr. Miller, room twelve", "en")
+    [['doctor', 'miller'], ['room', '12']]
     """
     text = unicodedata.normalize("NFKC", text).casefold().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
+    titles = _TITLES.get(language, {})
+    if titles:
+        # A single letter is only a title with its dot.
+        known = rf"(?<![\w'])({'|'.join(titles)})(?:\.\s*|(?<=\w\w)\s+)(?=\w)"
+        text = re.sub(known, lambda found: f"{titles[found[1]]} ", text)
     if language in ("en", ""):
         text = re.sub(r"\b(can't|won't|cannot)\b", lambda found: _IRREGULAR[found[1]], text)
         text = _ENGLISH_SHORT.sub(lambda found: _SHORT_FORMS[found[1]], text)
     flat = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
-    clauses = (re.findall(r"\w+", clause) for clause in _CLAUSE_END.split(flat))
+    clauses = ([_NUMBERS.get(word, word) for word in re.findall(r"\w+", clause)] for clause in _CLAUSE_END.split(flat))
     return [clause for clause in clauses if clause]
 
 

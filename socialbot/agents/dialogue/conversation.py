@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
+import msgspec
+
 from socialbot.agents.dialogue.intents import UNKNOWN, Reading
 from socialbot.agents.dialogue.script import ANY, Question, Script
 from socialbot.bdi import (
@@ -169,8 +171,8 @@ class Policy(NamedTuple):
     """Time after which a turn ends in any case."""
     forget_s: float = 600.0
     """Time after the last sentence of a person after which the conversation forgets the person."""
-    least_confidence: float = 0.3
-    """Recognized speech below this confidence counts as not understood."""
+    sure_confidence: float = 0.4
+    """Recognized speech below this confidence is only understood if it has nothing but a phrase and courtesies."""
 
 
 class SpeechSensor(Sensor):
@@ -182,10 +184,14 @@ class SpeechSensor(Sensor):
     def sense(self, percept: HeardSpeech) -> Sensed:
         talk = self._conversation
         person = talk.speaker(percept)
-        talk.last_heard[person] = percept
-        reading = talk.read(percept, person)
+        reading, text = talk.read(percept, person)
+        talk.last_heard[person] = msgspec.structs.replace(percept, text=text)
         by = f"{percept.text!r}, recognized with a confidence of {percept.confidence:.2f}"
-        if reading:
+        if text != percept.text:
+            by += f", or {text!r}"
+        if reading and not reading.phrase:
+            why = f"{by}, is understood as {reading.intent}"
+        elif reading:
             why = f"{by}, matches {reading.phrase!r} in {reading.language} by {reading.score:.0%}".replace("%", " %")
         else:
             why = f"{by}, matches no phrase"
@@ -212,6 +218,8 @@ class Conversation:
         language: Language of people who have not spoken yet.
         present: Returns the people who may have said something.
         attends: Whether sentences of a person that are not understood are repaired.
+        interpret: Gets a sentence, its reading, the text that is read and the speaker; returns a better reading and
+            text, or the same.
         policy: Limits.
     """
 
@@ -223,10 +231,15 @@ class Conversation:
         *,
         present: Callable[[], Collection[str]] = lambda: (),
         attends: Callable[[str], bool] = lambda _: True,
+        interpret: Callable[[HeardSpeech, Reading, str, str], tuple[Reading, str]] = lambda _, reading, text, __: (
+            reading,
+            text,
+        ),
         policy: Policy | None = None,
     ) -> None:
         self.engine, self.script, self.language = engine, script, language
         self.present, self.attends, self.policy = present, attends, policy or Policy()
+        self.interpret = interpret
         self._voices: dict[str, str] = {}  # persons who are speaking, by voice
         self.last_heard: dict[str, HeardSpeech] = {}
         """Last sentence of each person."""
@@ -268,24 +281,35 @@ class Conversation:
                 return candidates[0]
         return SOMEBODY
 
-    def read(self, message: HeardSpeech, person: str) -> Reading:
-        """Interpret a sentence in the language of the person, or the recognized one if that fits better."""
+    def read(self, message: HeardSpeech, person: str) -> tuple[Reading, str]:
+        """Interpret a sentence in the language of the person, or the recognized one if that fits better.
+
+        Returns:
+            The reading and the text that it reads: the recognized one, or the first alternative that is understood.
+        """
         known = self.script.languages
         candidates = [self.language_of(person), message.language]
         if message.language not in known:
             candidates += known
         languages = [one for one in dict.fromkeys(candidates) if one in known] or [self.language]
-        if message.confidence and message.confidence < self.policy.least_confidence:
-            return Reading(UNKNOWN, language=languages[0])
         questions = [self.script.questions[str(one.args[1])] for one in self.believed(asked, person)]
         expected = {intent for question in questions for intent in question.expects if intent != ANY}
-        readings = [self.script.grammar.read(message.text, language, expected) for language in languages]
-        return max(readings, key=lambda reading: (reading.words, reading.score))
+        is_sure = not message.confidence or message.confidence >= self.policy.sure_confidence
+        found: list[tuple[Reading, str]] = []
+        for text in (message.text, *message.alternatives):
+            readings = [self.script.grammar.read(text, language, expected) for language in languages]
+            reading = max(readings, key=lambda each: (each.words, each.score))
+            if reading and (is_sure or not reading.left):
+                found.append((reading, text))
+        unknown = Reading(UNKNOWN, language=languages[0]), message.text
+        known = (each for each in found if not self.script.grammar.intents[each[0].intent].fallback)
+        best = next(known, found[0] if found else unknown)
+        return self.interpret(message, *best, person) if is_sure else best
 
-    def believed(self, kind: type[Belief], person: str = "") -> list[Belief]:
-        """Current beliefs of a kind, about a person."""
+    def believed(self, kind: type[Belief], *arguments: object) -> list[Belief]:
+        """Current beliefs of a kind whose first arguments are these: the person, and others."""
         found = (one.belief for one in self.engine.beliefs if type(one.belief) is kind)
-        return [belief for belief in found if not person or belief.args[0] == person]
+        return [belief for belief in found if tuple(belief.args[: len(arguments)]) == arguments]
 
     def language_of(self, person: str) -> str:
         """Language in which to speak to a person."""

@@ -58,6 +58,16 @@ _BETWEEN = {
 }
 """Words that may stand between a negation and the value that it excludes."""
 
+_COURTESIES = {
+    "en": "please excuse me sorry um uh er well hello hi hey okay ok so and oh yes yeah no thanks thank you then",
+    "de": "bitte entschuldigung entschuldigen sie ah also hallo okay ok und oh ja nein danke dann mal",
+    "es": "por favor perdone perdon eh pues hola vale y oh si no gracias entonces",
+    "fr": "s il vous plait excusez moi pardon euh alors bonjour d accord et oh oui non merci",
+}
+"""Words beside a phrase that is the whole sentence."""
+
+_COURTEOUS = {language: frozenset(text.split()) for language, text in _COURTESIES.items()}
+
 _TRANSPARENT = {language: frozenset(text.split()) for language, text in _BETWEEN.items()}
 
 
@@ -85,7 +95,8 @@ class Reading:
     """Interpretation of one sentence.
 
     ``slots`` are in the order of the intent. ``rejected`` are values that the speaker excluded, as in "not the
-    library". ``score`` is the share of the ``phrase`` that matches, ``words`` the number of words of the sentence.
+    library". ``score`` is the share of the ``phrase`` that matches, ``words`` the number of words of the sentence that
+    it takes, and ``left`` that of the others, without courtesies and excluded values.
     """
 
     intent: str
@@ -95,6 +106,7 @@ class Reading:
     words: int = 0
     phrase: str = ""
     rejected: tuple[str, ...] = ()
+    left: int = 0
 
     def __bool__(self) -> bool:
         return self.intent != UNKNOWN
@@ -115,6 +127,7 @@ class Variant(NamedTuple):
     intent: Intent
     phrase: str
     parts: tuple[Part, ...]
+    is_whole: bool = False
 
 
 class _Match(NamedTuple):
@@ -153,7 +166,8 @@ class Grammar:
             for language, phrases in intent.phrases.items():
                 for phrase in phrases:
                     where = f"intent {intent.name}, {language}"
-                    variants = expand(phrase, language, where)
+                    is_whole = phrase.startswith("^") and phrase.endswith("$")
+                    variants = expand(phrase[1:-1] if is_whole else phrase, language, where)
                     used = {part.name for variant in variants for part in variant if isinstance(part, Slot)}
                     if unknown := sorted(used - {*intent.slots, TEXT}):
                         remedy = suggestion(unknown[0], intent.slots)
@@ -161,7 +175,7 @@ class Grammar:
                             f"phrase {phrase!r} has the unknown slot {unknown[0]!r}", where=where, remedy=remedy
                         )
                     known = self._variants.setdefault(language, [])
-                    known += (Variant(intent, phrase, variant) for variant in variants)
+                    known += (Variant(intent, phrase, variant, is_whole) for variant in variants)
         self._names = {
             (slot, language): [
                 ("".join(itertools.chain(*words(name, language))), len(name.split()), value)
@@ -202,7 +216,9 @@ class Grammar:
         clauses = words(text, language)
         starts = set(itertools.accumulate(map(len, clauses)))
         sentence = [word for clause in clauses for word in clause]
-        spans, rejected = self._spans(sentence, starts, language)
+        spans, excluded = self._spans(sentence, starts, language)
+        rejected = tuple(dict.fromkeys(span.value for span in excluded))
+        beside = _beside(sentence, excluded, language)
         best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (False, 0.0, False, 0.0)
         for variant in self._variants.get(language, ()):
             is_expected = variant.intent.name in expected
@@ -216,12 +232,17 @@ class Grammar:
             rank = (not variant.intent.fallback, match.words - _FREE_WORD * free - match.cost, is_expected, score)
             if rank <= best_rank or _is_negated(variant, match, sentence, starts, language):
                 continue
+            left = len(beside.difference(range(match.start, match.end)))
+            if variant.is_whole and left:
+                continue
             slots = dict(match.slots)
             filled = tuple(slots.get(name, "") for name in variant.intent.slots)
             best, best_rank = (
-                Reading(variant.intent.name, filled, language, round(score, 3), match.words, variant.phrase, rejected),
+                Reading(
+                    variant.intent.name, filled, language, round(score, 3), match.words, variant.phrase, rejected, left
+                ),
                 rank,
-            )
+            )  # fmt: skip
         return best
 
     def _check_slots(self, intent: Intent) -> None:
@@ -232,15 +253,23 @@ class Grammar:
 
     def _spans(
         self, sentence: Sequence[str], starts: Collection[int], language: str
-    ) -> tuple[dict[str, list[_Span]], tuple[str, ...]]:
+    ) -> tuple[dict[str, list[_Span]], list[_Span]]:
         """Values of each slot in a sentence, and those that it excludes."""
         found: dict[str, list[_Span]] = {}
-        rejected: list[str] = []
+        rejected: list[_Span] = []
         for slot in self.values:
             spans = _named(self._names.get((slot, language), ()), sentence, starts)
             found[slot] = [span for span in spans if not _follows_negation(span.start, sentence, starts, language)]
-            rejected += (span.value for span in spans if span not in found[slot])
-        return found, tuple(dict.fromkeys(rejected))
+            rejected += (span for span in spans if span not in found[slot])
+        return found, rejected
+
+
+def _beside(sentence: Sequence[str], excluded: Iterable[_Span], language: str) -> set[int]:
+    """Places of the words that are no courtesies, no negations and no excluded values."""
+    small = _COURTEOUS.get(language, frozenset()) | NEGATIONS.get(language, frozenset())
+    small |= _TRANSPARENT.get(language, frozenset())
+    out = {place for span in excluded for place in range(span.start, span.end)}
+    return {place for place, word in enumerate(sentence) if word not in small and place not in out}
 
 
 _DOUBLED = re.compile(r"(.)\1")

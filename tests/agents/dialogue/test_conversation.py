@@ -98,11 +98,16 @@ class Robot:
     def status(self, identity: str) -> None:
         self.conversation.note(SpeechStatus(stamp=0, utterance_id=identity, state=self.state, text=""))  # type: ignore[arg-type]
 
-    def hear(self, person: str, text: str, language: str = "en", confidence: float = 0.9) -> None:
+    def hear(
+        self, person: str, text: str, language: str = "en", confidence: float = 0.9, alternatives: tuple[str, ...] = ()
+    ) -> None:
         now = self.engine.clock.now()
         self.conversation.hear(
-            HeardSpeech(stamp=now, start=now, text=text, language=language, confidence=confidence, person=person)
-        )
+            HeardSpeech(
+                stamp=now, start=now, text=text, alternatives=alternatives, language=language, confidence=confidence,
+                person=person,
+            )
+        )  # fmt: skip
         self.run(0.1)
 
     def voice(self, voice: str, active: bool, person: str = "") -> None:
@@ -214,11 +219,30 @@ def test_sentences_that_are_not_understood_are_repaired_then_ignored_until_one_i
     assert robot.said[3:] == ["ann: welcome", "ann: repair"]
 
 
-def test_speech_of_low_confidence_is_not_understood():
+@pytest.mark.parametrize(
+    ("text", "reply"),
+    [
+        ("Thank you", "welcome"), ("Oh, thank you.", "welcome"), ("Thank you for the purple elephants", "repair"),
+        ("elephants", "repair"),
+    ],
+)  # fmt: skip
+def test_speech_of_low_confidence_is_only_understood_as_a_whole(text, reply):
     robot = Robot()
-    robot.hear("ann", "Thank you", confidence=0.1)
+    robot.hear("ann", text, confidence=0.2)
     robot.run()
-    assert robot.said == ["ann: repair"]
+    assert robot.said == [f"ann: {reply}"]
+
+
+def test_an_alternative_is_read_if_the_text_is_not_understood():
+    robot = Robot()
+    robot.hear("ann", "wears the library", alternatives=("Purple elephants", "Where is the library?", "Thank you"))
+    robot.run()
+    assert robot.said == ["ann: way library"]
+    reasons = [each.what for each in robot.records if each.kind == "percept"]
+    assert "'wears the library', recognized with a confidence of 0.90, or 'Where is the library?'" in reasons[0]
+    robot.hear("ann", "Thank you", alternatives=("Where is the library?",))
+    robot.run()
+    assert robot.said[-1] == "ann: welcome"
 
 
 def test_the_reply_belongs_to_the_person_who_was_asked():

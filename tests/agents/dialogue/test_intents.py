@@ -151,3 +151,44 @@ def test_any_text_is_read(text, language):
     reading = GRAMMAR.read(text, language, {"yes", "no", "place"})
     assert 0 <= reading.score <= 1
     assert reading.words <= sum(map(len, words(text, language)))
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "plain"),
+    [
+        ("Dr. Miller", "en", [["doctor", "miller"]]),
+        ("Is Mr Brown in?", "en", [["is", "mister", "brown", "in"]]),
+        ("I drive.", "en", [["i", "drive"]]),
+        ("Où est Mme Miller ?", "fr", [["ou", "est", "madame", "miller"]]),
+        ("M. Brown", "fr", [["monsieur", "brown"]]),
+        ("Pouvez-vous m'aider ?", "fr", [["pouvez", "vous", "m", "aider"]]),
+        ("Dr. Weber, Raum zwölf", "de", [["doktor", "weber"], ["raum", "12"]]),
+        ("room twelve or Room 12", "en", [["room", "12", "or", "room", "12"]]),
+    ],
+)
+def test_spellings_of_the_same_speech_are_equal(text, language, plain):
+    assert words(text, language) == plain
+
+
+@pytest.mark.parametrize(
+    ("text", "slots"),
+    [
+        ("Library?", ("library",)),
+        ("The lab, please", ("laboratory",)),
+        ("Hello, to the library, thank you!", ("library",)),
+        ("No, not the library, the lab.", ("laboratory",)),
+        ("The library was nice yesterday", None),
+        ("I like the lab", None),
+        ("Not the library", None),
+    ],
+)
+def test_a_phrase_can_be_the_whole_sentence(text, slots):
+    grammar = Grammar([Intent("directions", ("place",), {"en": ["^[to] [the] {place}$"]})], {"place": PLACES})
+    reading = grammar.read(text, "en")
+    assert (reading.slots if reading else None) == slots
+    assert reading.left == 0
+
+
+def test_words_that_a_phrase_leaves_are_counted():
+    assert GRAMMAR.read("Excuse me, where is the library, please?", "en").left == 0
+    assert GRAMMAR.read("Where is the library of my old school", "en").left == 3
