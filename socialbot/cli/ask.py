@@ -44,6 +44,8 @@ def ask(
         raise ParameterError(f"the run does not contain {at_s:.2f} s", where="--at", remedy=remedy)
     found = answer(recorded, question, at_s=at_s, speaker=person, agent=agent)
     lines = [found.text, *([found.assumes] if found.assumes else [])]
-    if not found.known and found.examples:
+    if found.options:
+        lines += ["", *(f"    {one.question}: {one.text}" for one in found.options)]
+    elif not found.known and found.examples:
         lines += ["", *(f"    {one}" for one in found.examples)]
     print_found(found, lines, as_json=as_json)

@@ -25,7 +25,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
 from socialbot.core.messages import NO_JSON, Command
 from socialbot.runs._access import FRESH, AccessGuard, BodyLimit, reply, reply_error
-from socialbot.runs.asking import answer
+from socialbot.runs.asking import answer, chosen_option
 from socialbot.runs.distances import distances_of
 from socialbot.runs.narration import LogLine, last_log_lines, log_lines
 from socialbot.runs.pages import PAGE, live_page
@@ -213,6 +213,10 @@ def _ask(run: RunView, query: QueryParams) -> Any:
     if agent and agent not in run.history.agents:
         agent = ""  # one without records yet
     at_s = run.history.seconds(_stamp(run, query)) if "t" in query else None
+    if reply_to := query.get("reply_to", "")[:LONGEST_QUESTION]:
+        options = answer(run, reply_to, at_s=at_s, agent=agent).options
+        if number := chosen_option([each.question for each in options], question):
+            return options[number - 1]
     return answer(run, question, at_s=at_s, agent=agent)
 
 

@@ -51,6 +51,15 @@ def test_a_rule_that_nothing_triggered_is_a_reason(tmp_path):
     assert told(deserted, "Why did you not greet anybody?").startswith("I did not greet anybody because")
 
 
+def test_the_closest_readings_of_an_unclear_question_are_told(run):
+    assert told(run, "Was anybody greeted twice?").splitlines() == [
+        "Do you ask whether I greeted person t1, or how often I greeted person t1?",
+        "",
+        "    whether I greeted person t1: Yes: at 0.7 s I greeted person t1.",
+        "    how often I greeted person t1: Once: at 0.7 s I greeted person t1.",
+    ]
+
+
 def test_says_what_can_be_asked_instead(run):
     lines = told(run, "Where is the exit?").splitlines()
     assert lines[0].startswith("I don't know. I am not sure what you ask. I can tell why I")

@@ -115,6 +115,19 @@ def test_answers_a_question(get):
     assert (refused.status_code, "at most 500 characters" in refused.json()["error"]) == (400, True)
 
 
+def test_a_reply_chooses_a_reading_of_the_question_before(get):
+    unclear = "Was anybody greeted twice?"
+    found = get("/api/ask", params={"question": unclear}).json()
+    assert [each["question"] for each in found["options"]] == [
+        "whether I greeted person t1",
+        "how often I greeted person t1",
+    ]
+    chosen = get("/api/ask", params={"question": "how often", "reply_to": unclear}).json()
+    assert (chosen["known"], chosen["text"]) == (True, "Once: at 0.7 s I greeted person t1.")
+    other = get("/api/ask", params={"question": "When did you greet me?", "reply_to": unclear}).json()
+    assert (other["intent"], other["text"]) == ("when", "At 0.7 s I greeted you.")
+
+
 def test_overview_says_that_a_run_was_stopped(tmp_path):
     folder = greeting(tmp_path / "evening")
     results = json.loads((folder / "results.json").read_text("utf-8"))

@@ -6,8 +6,9 @@ learned weights; no fixed sentences are known. Each clause of an answer names th
 supports is answered with "I don't know".
 """
 
-from socialbot.runs.asking._answers import Answer, answer
+from socialbot.runs.asking._answers import Answer, answer, is_asked
+from socialbot.runs.asking._options import asking_back, chosen_option
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.asking.languages import LANGUAGES
 
-__all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "answer"]
+__all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "answer", "asking_back", "chosen_option", "is_asked"]

@@ -13,10 +13,12 @@ from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, failed, heard, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
+from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near, record_agent
+from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
 from socialbot.runs.asking._questions import NEAR_S, Question, candidates, with_time
-from socialbot.runs.asking._ranking import SURE, chosen
+from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive, kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
@@ -49,7 +51,7 @@ def answer(
     agent: str = "",
     spoken: bool = False,
 ) -> Answer:
-    """Return the answer of a run to a question about it.
+    """Return the answer of a run to a question about it, or a question back with ``options``.
 
     Args:
         run: A recorded or live run.
@@ -76,13 +78,24 @@ def answer(
         answered(run, facts, each.question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
         for each in found
     ]
-    place, probability = chosen(found, answers, facts.subjects)
+    shares = ranked(found, answers, facts.subjects)
+    place, probability = shares[0]
     confidence = round(probability, 3)
-    if probability >= SURE:
+    known = [(answers[n], share) for n, share in shares if answers[n].known and not found[n].question.has_unknown_name]
+    options = offered(known, SURE)
+    if probability >= SURE and not options:
         return msgspec.structs.replace(answers[place], confidence=confidence)
     question = replace(found[place].question, kind=None)
     refused = answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+    if options:
+        back = asking_back([each.question for each in options])
+        refused = msgspec.structs.replace(refused, text=back, options=tuple(options))
     return msgspec.structs.replace(refused, confidence=confidence)
+
+
+def is_asked(text: str, language: str) -> bool:
+    """Return whether a text has the form of a question in a language (ISO 639-1)."""
+    return language in LANGUAGES and is_question(tokens(text), LANGUAGES[language])
 
 
 def facts_of(run: RunView) -> Facts:

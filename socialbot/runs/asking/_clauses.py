@@ -158,3 +158,24 @@ def _asks(pair: Sequence[str], language: Language) -> bool:
 
 def _is_at(phrase: Sequence[str], words: Sequence[str], place: int) -> bool:
     return tuple(words[place : place + len(phrase)]) == tuple(phrase)
+
+
+_BEFORE_QUESTION = 5
+"""Most words before the interrogative of an indirect question: ``could you please tell me why``."""
+
+
+def is_question(words: Sequence[str], language: Language) -> bool:
+    """Return whether words have the form of a question: an auxiliary verb or an interrogative begins them.
+
+    An interrogative may also follow words that only ask, such as ``please tell me``.
+    """
+    asking = [one for name in INTERROGATIVES for one in language.phrases[name]]
+    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    for place, word in enumerate(words[: _BEFORE_QUESTION + 1]):
+        if any(_is_at(phrase, words, place) for phrase in asking):
+            return True
+        if place == 0 and word in language.auxiliaries and len(words) > 2:
+            return True
+        if word not in thinking and word not in aside:
+            return False
+    return False

@@ -163,6 +163,11 @@ class Question:
     is_synonym: bool = False
     thing_kind: str = ""
 
+    @property
+    def has_unknown_name(self) -> bool:
+        """Whether it names something that the run does not have, such as t9 or room 7."""
+        return any(letter.isdigit() for word in self.unknown for letter in word)
+
 
 @dataclass(frozen=True)
 class Event:

@@ -32,8 +32,8 @@ def weights() -> Mapping[str, float]:
     return json.loads((files("socialbot.runs.asking") / _WEIGHTS).read_text("utf-8"))
 
 
-def chosen(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subjects) -> tuple[int, float]:
-    """Return the place of the best reading and the probability of its answer.
+def ranked(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subjects) -> list[tuple[int, float]]:
+    """Return the place of the best reading of each answer and the probability of the answer, the most likely one first.
 
     Readings with equal answers count together, and those without an answer are one refusal.
     """
@@ -44,10 +44,13 @@ def chosen(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subj
     ]
     highest = max(scores)
     shares = [math.exp(score - highest) for score in scores]
-    equal = alike(answers)
-    whole = {one: sum(share for share, other in zip(shares, equal, strict=True) if one == other) for one in {*equal}}
-    place = max(range(len(found)), key=lambda n: (whole[equal[n]], shares[n]))
-    return place, whole[equal[place]] / sum(shares)
+    places: dict[int, list[int]] = {}
+    for place, one in enumerate(alike(answers)):
+        places.setdefault(one, []).append(place)
+    best = [
+        (max(same, key=lambda n: shares[n]), sum(shares[n] for n in same) / sum(shares)) for same in places.values()
+    ]
+    return sorted(best, key=lambda each: (-each[1], -shares[each[0]]))
 
 
 def alike(answers: Sequence[Answer]) -> list[int]:

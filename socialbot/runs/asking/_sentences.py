@@ -68,6 +68,8 @@ class Answer(msgspec.Struct, frozen=True):
         confidence: How sure it is that the question was understood, from 0 to 1.
         assumes: Assumption of the answer, such as who asks; empty if there is none.
         examples: Questions that can be asked instead, if the answer is not known.
+        options: Answers to the most likely readings, if ``text`` asks which one is meant; each has its reading as an
+            indirect question.
     """
 
     question: str
@@ -79,6 +81,7 @@ class Answer(msgspec.Struct, frozen=True):
     confidence: float = 0.0
     assumes: str = ""
     examples: tuple[str, ...] = ()
+    options: tuple[Answer, ...] = ()
 
 
 def number(value: float) -> str:

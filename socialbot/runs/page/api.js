@@ -46,7 +46,7 @@ export const nodes = t => told('nodes', { t });
 export const why = id => told('why', { id });
 /** Whether questions in plain language are answered. */
 export const answers = true;
-export const question = (text, t, agent) => told('ask', { question: text, t, agent });
+export const question = (text, t, agent, replyTo) => told('ask', { question: text, t, agent, reply_to: replyTo });
 export const whyNot = plan => told('why', { plan });
 export const worldAt = t => `/api/world?${new URLSearchParams({ t })}`;
 

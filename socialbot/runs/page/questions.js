@@ -7,6 +7,7 @@ const EXAMPLES = ['Why did you do that?', 'What do you see?', 'What will you do 
 
 export class Questions {
   #asked = 0;
+  #open = '';
   #field = element('input', { id: 'question', type: 'text', placeholder: 'Why did you do that?', maxlength: '500', autocomplete: 'off', 'aria-describedby': 'question-hint answer-text' });
   #text = element('p', { id: 'answer-text', role: 'status' });
   #note = element('p', { class: 'note', hidden: true });
@@ -40,13 +41,22 @@ export class Questions {
     const asked = ++this.#asked;
     const { t, agent } = this.asker();
     try {
-      const { text: told, known, clauses, assumes, examples } = await api.question(question, t, agent);
+      const found = await api.question(question, t, agent, this.#open);
       if (asked !== this.#asked) return;
-      this.#show(told, clauses, known ? [] : examples, !known);
-      say(this.#note, assumes);
-      this.#note.hidden = !assumes;
+      this.#open = found.options.length ? question : '';
+      this.#tell(found);
     } catch (error) {
       if (asked === this.#asked) this.#show(error.message, [], [], true);
+    }
+  }
+
+  #tell({ text, known, clauses, assumes, examples, options }) {
+    this.#show(text, clauses, known || options.length ? [] : examples, !known);
+    say(this.#note, assumes);
+    this.#note.hidden = !assumes;
+    if (options.length) {
+      this.#others.replaceChildren(...options.map(one => element('li', {},
+        element('button', { type: 'button', text: one.question, onclick: () => this.#tell(one) }))));
     }
   }
 

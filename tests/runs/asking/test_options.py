@@ -1,0 +1,62 @@
+"""Questions back: which readings are offered, and which one a reply chooses."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.runs.asking import answer, asking_back, chosen_option
+from tests.runs.asking.waldo_run import two_visitors
+
+UNCLEAR = "Was anybody helped twice?"
+OPTIONS = ("whether I offered person t1 help", "how often I offered person t1 help")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return two_visitors()
+
+
+def test_the_closest_readings_are_offered_with_their_answers(run):
+    found = answer(run, UNCLEAR)
+    assert not found.known
+    assert not found.clauses
+    assert found.text == f"Do you ask {OPTIONS[0]}, or {OPTIONS[1]}?"
+    assert tuple(each.question for each in found.options) == OPTIONS
+    assert [each.text for each in found.options] == [
+        "Yes: at 10.2 s I offered person t1 help.",
+        "Once: at 10.2 s I offered person t1 help.",
+    ]
+    for each in found.options:
+        assert each.known
+        assert each.clauses
+        assert all(run.history.find(record) is not None for clause in each.clauses for record in clause.records)
+
+
+@pytest.mark.parametrize(
+    "text", ["Why did you greet t1?", "Why did you greet t9?", "purple elephants", "When was the room 7 empty?", ""]
+)
+def test_nothing_is_offered_for_questions_that_are_clear_hopeless_or_about_unknown_names(run, text):
+    assert answer(run, text).options == ()
+
+
+def test_a_shared_deed_is_named_once():
+    assert asking_back(["why I greeted you"]) == "Do you ask why I greeted you?"
+    assert asking_back(["why I greeted you", "when I greeted you"]) == "Do you ask why I greeted you, or when?"
+
+
+@pytest.mark.parametrize(
+    ("reply", "chosen"),
+    [
+        ("the first", 1), ("The second one, please.", 2), ("why", 1), ("When.", 2), ("yes", 1), ("Yes, why.", 1),
+        ("I mean when you greeted me", 2), ("when I greeted you", 2), ("no", 0), ("No, when!", 2), ("", 0),
+        ("Where is the library?", 0), ("Why did you offer help?", 0), ("why or when", 0),
+        ("the first and the second", 0),
+    ],
+)  # fmt: skip
+def test_a_reply_chooses_a_reading(reply, chosen):
+    assert chosen_option(["why I greeted you", "when I greeted you"], reply) == chosen
+
+
+def test_there_is_no_second_reading_to_choose():
+    assert chosen_option(["who was here"], "yes") == 1
+    assert chosen_option(["who was here"], "the second") == 0
