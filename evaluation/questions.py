@@ -32,6 +32,10 @@ REACHED = 0.9
 NEAR_S = 0.15
 ANSWERED = "(answered) "
 """Begin of a miss that was not refused with "I don't know", but answered about another record."""
+OFFERED = "(offered) "
+"""Begin of a miss that was asked back with the right reading among those offered."""
+ASKED_BACK = "(asked back) "
+"""Begin of a miss that was asked back without the right reading."""
 SLOW_RUNS = {"corridor"}
 
 Listen = Callable[[str], str]
@@ -103,12 +107,14 @@ def asked(
         heard = question if listen is None else listen(question)
         found = answer(record, heard)
         kinds.update(clause.claim.kind for clause in found.clauses)
-        unsupported += verifier.faults(json.loads(msgspec.json.encode(found)))
+        for each in (found, *found.options):
+            unsupported += verifier.faults(json.loads(msgspec.json.encode(each)))
         if reaches(found, target, verifier):
             right += 1
         else:
             spoken = "" if heard == question else f" (heard: {heard!r})"
-            answered = ANSWERED if found.known else ""
+            is_offered = any(reaches(one, target, verifier) for one in found.options)
+            answered = ANSWERED if found.known else OFFERED if is_offered else ASKED_BACK if found.options else ""
             wrong.append(f"{answered}{question}{spoken}: wanted {target!r}, got {found.text!r}")
     return right, wrong, unsupported, kinds
 
@@ -142,7 +148,7 @@ def questions(
     if unknown := set(only or ()) - set(lists):
         raise ParameterError(f"there is no list {sorted(unknown)[0]!r}", remedy=f"give one of {', '.join(lists)}")
     parts = {name: lists[name] for name in only or lists}
-    counts: dict[str, list[int]] = {part: [0, 0, 0] for part in parts}
+    counts: dict[str, list[int]] = {part: [0, 0, 0, 0, 0] for part in parts}
     rows: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     kinds: Counter[str] = Counter()
@@ -161,16 +167,21 @@ def questions(
                 right, wrong, unsupported, found = asked(record, verifier, lines, listen)
                 counts[part][0] += right
                 counts[part][1] += len(lines)
-                counts[part][2] += sum(each.startswith(ANSWERED) for each in wrong)
+                for place, begin in enumerate((ANSWERED, OFFERED, ASKED_BACK), 2):
+                    counts[part][place] += sum(each.startswith(begin) for each in wrong)
                 rows[name] |= {f"{part}: right": right, f"{part}: asked": len(lines)}
                 faults += unsupported
                 kinds += found
                 for each in wrong:
                     typer.echo(f"{part}, {name}: {each}")
-    for part, (right, number, answered) in counts.items():
+    for part, (right, number, answered, offered, asked_back) in counts.items():
         text = f"{part.replace('_', ' ')}: answers that miss the record, of {number} (share)"
         report.add(f"missed_{part}", text, round(1 - right / max(number, 1), 3), round(1 - REACHED, 3))
         report.add(f"answered_{part}", f"{part.replace('_', ' ')}: misses that were not refused", answered)
+        text = f"{part.replace('_', ' ')}: misses after which one of two readings that are offered is right"
+        report.add(f"offered_{part}", text, offered)
+        text = f"{part.replace('_', ' ')}: misses after which no reading that is offered is right"
+        report.add(f"asked_back_{part}", text, asked_back)
     report.add("clauses", "clauses of answers", kinds.total())
     report.add("unsupported", "unsupported clauses", len(faults), 0)
     report.tables["runs"] = rows
