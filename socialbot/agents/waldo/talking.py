@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import resources
 
 from socialbot.agents.dialogue import (
@@ -11,6 +12,7 @@ from socialbot.agents.dialogue import (
     Ask,
     Conversation,
     Converse,
+    Reading,
     Respond,
     Script,
     Turn,
@@ -51,6 +53,7 @@ from socialbot.bdi import (
     Record,
     SingletonBelief,
     apart,
+    compute,
     drop,
     for_each,
     variables,
@@ -61,7 +64,8 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import HeardSpeech, Message, PersonDetections, SpeechStatus, VoiceActivity
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
-from socialbot.runs.asking import answer
+from socialbot.runs.asking import Answer as Answered
+from socialbot.runs.asking import answer, asking_back, chosen_option, is_asked
 from socialbot.runs.run import LiveRun
 
 
@@ -91,11 +95,18 @@ class wakeUp(Action):
         self.engine.robot.act(self)
 
 
-class explain(LongAction):
-    """explain(Person): answer the last question of a person about what Waldo sees, did, or will do."""
+class Clarified(Goal):
+    """Clarified(Person, Intent, Slots): answer a question after the reply to which reading is meant."""
 
-    def start(self, person: str) -> None:
-        self.engine.robot.explain(self, person)
+
+class explain(LongAction):
+    """explain(Person[, Reading]): answer the last question of a person about what Waldo sees, did, or will do.
+
+    Reading is the one that the person chose, such as "why I greeted you".
+    """
+
+    def start(self, person: str, reading: str = "") -> None:
+        self.engine.robot.explain(self, person, reading)
 
     def cancel(self) -> None:
         self.engine.robot.conversation.forget(self)
@@ -104,6 +115,15 @@ class explain(LongAction):
 
 READ_EVERY = 200
 """Number of messages after which the run of the past is read, which drops old ones."""
+
+QUESTION = "ask_why"
+"""Intent of questions about what the robot sees, did, or will do."""
+
+UNCLEAR = "unclear"
+"""Intent of such a question that is not understood surely. Its slots are the closest readings."""
+
+CHOICE = "choice"
+"""Intent of the reply that chooses one of them."""
 
 WAKING = ("wake", "hello", "help")
 """Intents that wake Waldo."""
@@ -134,13 +154,19 @@ class TalkingWaldo(WaldoNode):
         config = NodeConfig(self.name, type(self))
         self._past = LiveRun(Graph(self.name, (config,), inputs=frozenset(topic for topic, _ in config.subscriptions)))
         self._unread = 0
+        self._options: dict[str, dict[str, Answered]] = {}  # answers by person and reading
         engine = super().build()
         script = self.make_script()
         if self.language not in script.languages:
             remedy = f"choose one of: {', '.join(script.languages)}"
             raise ParameterError(f"no script in {self.language!r}", where=f"{self.name}.language", remedy=remedy)
         self.conversation = Conversation(
-            engine, script, self.language, present=lambda: self._people(present), attends=self._attends
+            engine,
+            script,
+            self.language,
+            present=lambda: self._people(present),
+            attends=self._attends,
+            interpret=self.interpret,
         )
         # The first plan that applies is chosen; each rule goes before those already there.
         engine.add_rules(*reversed([*self.rules(), *talking_rules(self)]), first=True)
@@ -196,22 +222,61 @@ class TalkingWaldo(WaldoNode):
         self.act(action, situation, person, text, language)
         return f"say-{action.id}"
 
-    def explain(self, action: explain, person: str) -> None:
-        """Say the answer to the last question of a person; record it with the records that it rests on."""
-        question = self.conversation.last_heard[person]
-        found = answer(
+    def interpret(self, message: HeardSpeech, reading: Reading, text: str, person: str) -> tuple[Reading, str]:
+        """Read a sentence as a reply to a question back, or as a question about this run.
+
+        Questions need no phrase. Of the recognised texts the first one counts that is understood surely; without one,
+        the intent is `UNCLEAR`, and its slots are the two closest readings.
+        """
+        language = reading.language
+        texts = (text, *(one for one in message.alternatives if one != text))
+        if self._is_asked(person):
+            options = self._options[person]
+            for each in texts:
+                if number := chosen_option(list(options), each):
+                    return Reading(CHOICE, (list(options)[number - 1],), language), each
+        if reading and reading.intent != QUESTION:
+            return reading, text
+        asked = [each for each in texts if reading or is_asked(each, language)]
+        answers = [self._answer(each, person, language) for each in asked]
+        for each, found in zip(asked, answers, strict=True):
+            if found.known:
+                return replace(reading, intent=QUESTION, slots=()), each
+        for each, found in zip(asked, answers, strict=True):
+            if found.options:
+                self._options[person] = {one.question: one for one in found.options}
+                return Reading(UNCLEAR, tuple(self._options[person]), language), each
+        return reading, text
+
+    def _is_asked(self, person: str) -> bool:
+        """Whether it is open which reading of their question a person means."""
+        return person in self._options and bool(self.conversation.believed(asked, person, "clarify"))
+
+    def _answer(self, question: str, person: str, language: str) -> Answered:
+        """Return the answer of what happened so far to a question of a person."""
+        return answer(
             self._past,
-            question.text,
-            language=self.conversation.language_of(person),
+            question,
+            language=language,
             speaker=person,
             agent=self.name,
             spoken=True,
+        )
+
+    def explain(self, action: explain, person: str, reading: str = "") -> None:
+        """Say the answer to the last question of a person, or to a reading of it; record it with its records."""
+        question = reading or self.conversation.last_heard[person].text
+        known = self._options.pop(person, {})
+        found = (
+            known[reading]
+            if reading in known
+            else self._answer(question, person, self.conversation.language_of(person))
         )
         self.engine.trace.record(
             "answer",
             found.text,
             action.id,
-            question=question.text,
+            question=question,
             known=found.known,
             clauses=[{"text": clause.text, "records": list(clause.records)} for clause in found.clauses],
         )
@@ -242,7 +307,7 @@ class TalkingWaldo(WaldoNode):
 
 def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
     """Return the plans of small talk, of offers that lead somewhere, and of sleep."""
-    Who, What, Slots, Q, _ = variables("Who What Slots Q _")  # noqa: N806
+    Who, What, Slots, Reply, Q, _ = variables("Who What Slots Reply Q _")  # noqa: N806
     return [
         # Sleep
         +personDetected("No").held_for(lambda: node.sleep_after_s) / ~asleep(_) >> [Sleep("alone")],
@@ -274,6 +339,13 @@ def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
         Respond(Who, "sleep", _) >> [Answer(Who, "sleeping", ()), Sleep("told")],
         Respond(Who, "wake", _) >> [Answer(Who, "awake", ())],
         Respond(Who, "ask_why", _) >> [wait_for(~talks(_), 15), explain(Who).within(30)],
+        Respond(Who, UNCLEAR, Slots)
+        >> [
+            Ask(Who, "clarify", compute(lambda Slots: (asking_back(Slots),)), What, Reply),  # noqa: N803
+            Clarified(Who, What, Reply),
+        ],
+        Clarified(Who, CHOICE, (Q,)) >> [wait_for(~talks(_), 15), explain(Who, Q).within(30)],
+        Clarified(Who, What, Reply) >> [Respond(Who, What, Reply)],
         Respond(Who, "repeat", _) >> [wait_for(~talks(_), 15), tell_again(Who).within(30)],
         # Who ends the conversation says no to an open question.
         Respond(Who, "goodbye", _) / asked(Who, _) >> [+replied(Who, "no", ()), Answer(Who, "goodbye", ())],

@@ -5,9 +5,9 @@ import pytest
 from socialbot.agents.waldo import TalkingWaldo, small_talk
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError
-from socialbot.core.messages import VoiceActivity
+from socialbot.core.messages import HeardSpeech, VoiceActivity
 from tests.agents.waldo.corridor import GREETING, OFFER
-from tests.agents.waldo.hall import Hall
+from tests.agents.waldo.hall import SPEECH, Hall
 
 LANGUAGES = ("en", "de", "es", "fr")
 
@@ -16,7 +16,7 @@ def test_every_sentence_and_intent_of_waldo_is_in_all_languages():
     script = small_talk()
     assert script.languages == LANGUAGES
     assert {name: set(texts) for name, texts in script.sentences.items() if set(texts) != set(LANGUAGES)} == {}
-    intents = script.grammar.intents.values()
+    intents = [one for one in script.grammar.intents.values() if one.name not in ("unclear", "choice")]  # no phrases
     assert {one.name: set(one.phrases) for one in intents if set(one.phrases) != set(LANGUAGES)} == {}
 
 
@@ -219,3 +219,86 @@ def test_invalid_parameters_are_refused(tmp_path, monkeypatch):
         Hall(language="it")
     with pytest.raises(GraphError, match="cannot be read"):
         Hall(TalkingWaldo, script="none.yaml")
+
+
+@pytest.mark.parametrize("text", ["How often did you greet me?", "How many people did you see?", "Who do you see now?"])
+def test_what_no_phrase_matches_is_answered_from_the_trace(text):
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", text)
+        hall.see(5.0, "t1")
+    assert 'heard("t1", "ask_why", [])' in hall.believes()
+    [found] = [record for record in hall.trace if record.kind == "answer"]
+    assert found.detail["known"]
+    assert all(clause["records"] for clause in found.detail["clauses"])
+
+
+def test_a_misheard_question_is_answered_by_an_alternative():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        now = hall.clock.now()
+        hall.send(
+            SPEECH,
+            HeardSpeech(
+                stamp=now, start=now - SECOND, text="White did a beet me.", alternatives=("Why did you greet me?",),
+                language="en", confidence=0.6, person="t1",
+            ),
+        )  # fmt: skip
+        hall.see(5.0, "t1")
+    assert "I greeted you because" in hall.said[-1]
+    [record] = [record for record in hall.trace if record.kind == "answer"]
+    assert record.detail["question"] == "Why did you greet me?"
+
+
+UNCLEAR = "Was anybody helped twice?"
+
+
+@pytest.mark.parametrize(
+    ("reply", "told"),
+    [
+        ("The second one, please.", "Once:"),
+        ("How often.", "Once:"),
+        ("Yes.", "Yes:"),
+        ("whether", "Yes:"),
+        ("No.", "All right."),
+        ("Why did you greet me?", "I greeted you because"),
+    ],
+)
+def test_a_question_that_is_not_clear_is_asked_back(reply, told):
+    with Hall() as hall:
+        hall.see(16.0, "t1")
+        hall.hear("t1", UNCLEAR)
+        hall.see(4.0, "t1")
+        assert hall.said[-1] == "Do you ask whether I offered you help, or how often I offered you help?"
+        options = '["whether I offered you help", "how often I offered you help"]'
+        assert f'heard("t1", "unclear", {options})' in hall.believes()
+        assert 'asked("t1", "clarify")' in hall.believes()
+        hall.hear("t1", reply)
+        hall.see(6.0, "t1")
+    assert told in hall.said[-1]
+    assert not {each for each in hall.believes() if each.startswith(("asked", "turn"))}
+    for record in (each for each in hall.trace if each.kind == "answer"):
+        assert record.detail["known"]
+        assert all(clause["records"] for clause in record.detail["clauses"])
+        [action] = [each for each in hall.trace if each.id == record.cause]
+        assert action.what.startswith('explain("t1"')
+
+
+def test_nobody_says_which_question_is_meant():
+    with Hall() as hall:
+        hall.see(16.0, "t1")
+        hall.hear("t1", UNCLEAR)
+        hall.see(20.0, "t1")
+        said = len(hall.said)
+        hall.hear("t1", "The second one")
+        hall.see(5.0, "t1")
+    assert not {each for each in hall.believes() if each.startswith(("asked", "turn"))}
+    assert hall.said[said:] == ["Sorry, I did not understand."]
+
+
+def test_statements_are_not_taken_for_questions():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "All people were here yesterday.")
+        hall.see(3.0, "t1")
+    assert hall.said[-1] == "Sorry, I did not understand."
