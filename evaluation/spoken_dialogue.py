@@ -132,6 +132,10 @@ class Reception(GraphTester):
             inputs -= {_SPEECH}
         super().__init__(Graph("reception", tuple(nodes), inputs=frozenset(inputs)), start=_TUESDAY_10)
 
+    def __enter__(self) -> Reception:
+        super().__enter__()
+        return self
+
     def see(self, seconds: float) -> None:
         """Let time pass with the visitor in view."""
         visitor = PersonDetection(x=0, y=0, w=10, h=30, score=1.0, track_id=_PERSON, distance_m=2.0)
@@ -229,10 +233,8 @@ def lost_where(sentence: Sentence, text: Outcome, voice: Outcome) -> str:
         return "not understood when typed"
     if not voice.voices:
         return "not detected"
-    if not voice.texts:
-        return "detected, but no text"
-    if len(voice.texts) > 1:
-        return "split"
+    if len(voice.texts) != 1:
+        return "split" if voice.texts else "detected, but no text"
     expected, found = words(sentence.text), words(voice.texts[0])
     if expected == found:
         return "spelling, punctuation"

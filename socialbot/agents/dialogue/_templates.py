@@ -26,7 +26,7 @@ _TITLES = {
     "es": {"dr": "doctor", "dra": "doctora", "sr": "senor", "sra": "senora"},
     "fr": {"dr": "docteur", "m": "monsieur", "mr": "monsieur", "mme": "madame", "pr": "professeur"},
 }
-_NUMBERS = {
+_NUMBERS: dict[str, str] = {
     word: str(number)
     for line in (
         "two three four five six seven eight nine ten eleven twelve",
@@ -75,8 +75,12 @@ def words(text: str, language: str = "") -> list[list[str]]:
         text = re.sub(r"\b(can't|won't|cannot)\b", lambda found: _IRREGULAR[found[1]], text)
         text = _ENGLISH_SHORT.sub(lambda found: _SHORT_FORMS[found[1]], text)
     flat = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
-    clauses = ([_NUMBERS.get(word, word) for word in re.findall(r"\w+", clause)] for clause in _CLAUSE_END.split(flat))
-    return [clause for clause in clauses if clause]
+    clauses = (re.findall(r"\w+", clause) for clause in _CLAUSE_END.split(flat))
+    return [list(map(_in_digits, clause)) for clause in clauses if clause]
+
+
+def _in_digits(word: str) -> str:
+    return _NUMBERS.get(word, word)
 
 
 def expand(phrase: str, language: str, where: str) -> list[tuple[Part, ...]]:
