@@ -433,10 +433,17 @@ class Verifier:
         known = [failure["what"], lines[-1]["what"], message]
         return "" if claim["what"] == known and claim.get("agent") == failure["source"] else "did not fail so"
 
+    def _plan_ended(self, claim: Line, lines: Sequence[Line]) -> str:
+        end = lines[0]
+        known = [end["what"], end["detail"].get("outcome") or "", end["detail"].get("reason") or ""]
+        is_end = end["kind"] == "plan_end" and claim.get("agent") == end["source"]
+        return "" if is_end and claim["what"] == known else "did not end so"
+
     def _nothing_failed(self, claim: Line, lines: Sequence[Line]) -> str:
         found = [
             line["id"] for line in self.trace.lines
-            if line["kind"] == "failure" and claim.get("agent") in (None, "", line["source"])
+            if (line["kind"] == "failure" or line["detail"].get("outcome") == "failed")
+            and claim.get("agent") in (None, "", line["source"])
             and claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
         ]  # fmt: skip
         return f"{found[0]} failed" if found else ""

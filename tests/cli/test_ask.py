@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from socialbot.cli.ask import ask
 from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.runs.asking import _answers
 from tests.runs.runs import greeting
 
 app = typer.Typer()
@@ -51,7 +52,8 @@ def test_a_rule_that_nothing_triggered_is_a_reason(tmp_path):
     assert told(deserted, "Why did you not greet anybody?").startswith("I did not greet anybody because")
 
 
-def test_the_closest_readings_of_an_unclear_question_are_told(run):
+def test_the_closest_readings_of_an_unclear_question_are_told(run, monkeypatch):
+    monkeypatch.setattr(_answers, "SURE", 1.0)
     assert told(run, "Was anybody greeted twice?").splitlines() == [
         "Do you ask whether I greeted person t1, or how often I greeted person t1?",
         "",

@@ -21,6 +21,7 @@ from socialbot.runs import narration as log
 from socialbot.runs import run as live_run
 from socialbot.runs._access import COOKIE
 from socialbot.runs._server import PageServer
+from socialbot.runs.asking import _answers
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import STOPPED
 from socialbot.runs.run import LiveRun, Picture, RunView
@@ -115,7 +116,8 @@ def test_answers_a_question(get):
     assert (refused.status_code, "at most 500 characters" in refused.json()["error"]) == (400, True)
 
 
-def test_a_reply_chooses_a_reading_of_the_question_before(get):
+def test_a_reply_chooses_a_reading_of_the_question_before(get, monkeypatch):
+    monkeypatch.setattr(_answers, "SURE", 0.96)
     unclear = "Was anybody greeted twice?"
     found = get("/api/ask", params={"question": unclear}).json()
     assert [each["question"] for each in found["options"]] == [

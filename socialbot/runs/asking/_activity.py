@@ -67,6 +67,10 @@ def failed(scope: Scope) -> Told | None:
     if scope.question.ordinal is not None:
         found = [one for one in [scope.numbered(found)] if one is not None]
     clauses = [scope.speech.failed(each) for each in found[:MOST_NAMED]]
+    if is_all:
+        ends = [each for each in scope.in_time(scope.facts.plan_ends) if each.detail.get("outcome") == "failed"]
+        ends = [each for each in ends if each.stamp <= scope.now and scope.agent in ("", each.source)]
+        clauses += [scope.speech.ended(each) for each in ends[:MOST_NAMED]]
     if not clauses and is_all:
         begin_s, end_s = scope.span()
         text = scope.speech.about(scope.agent, scope.speech.say("nothing_failed"))

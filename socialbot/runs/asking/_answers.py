@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import msgspec
 
@@ -12,6 +13,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, failed, heard, said
+from socialbot.runs.asking._beliefs import believed, ended
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near, record_agent
@@ -36,7 +38,7 @@ SOME_WORDS = 0.3
 
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
-    "heard": heard, "failed": failed,
+    "heard": heard, "failed": failed, "believed": believed, "ended": ended,
 }  # fmt: skip
 """Functions that answer kinds of questions about a state."""
 
@@ -98,8 +100,21 @@ def is_asked(text: str, language: str) -> bool:
     return language in LANGUAGES and is_question(tokens(text), LANGUAGES[language])
 
 
+_FACTS: WeakKeyDictionary[RunView, tuple[tuple[int, ...], Facts]] = WeakKeyDictionary()
+"""Facts of runs with the state of their history; a live run has new ones after each record."""
+
+
 def facts_of(run: RunView) -> Facts:
     """Return the facts of a run and what it can be asked about; rules name deeds that were never considered, too."""
+    history = run.history
+    state = id(history), len(history), history.forgotten, history.end
+    known = _FACTS.get(run)
+    if known is None or known[0] != state:
+        known = _FACTS[run] = state, _facts(run)
+    return known[1]
+
+
+def _facts(run: RunView) -> Facts:
     vocabulary = vocabulary_of(run.graph)
     if run.graph is None:  # the words of all packages
         known = tuple(deed for deed in vocabulary.deeds if _occurs(deed, run.history))

@@ -146,6 +146,11 @@ class Facts:
         """Failures of goals and actions."""
         return [each for each in self.history if each.kind == "failure"]
 
+    @cached_property
+    def plan_ends(self) -> list[TraceRecord]:
+        """Ends of plans for goals and desires."""
+        return [each for each in self.history if each.kind == "plan_end"]
+
     def end_of(self, deed: TraceRecord) -> TraceRecord | None:
         """Return the record of the end of a step, an action or an utterance; None if it is not known."""
         ends = (each for each in self.history.effects(deed) if each.kind in ("step_end", "action_end", "speech"))

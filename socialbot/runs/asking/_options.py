@@ -24,7 +24,7 @@ _TIME = re.compile(r"^(at [\d.]+ s|\d+ seconds ago|just now|from [\d.]+ to [\d.]
 _STATES = {
     "see": "what I saw", "said": "what I said", "doing": "what I did", "next": "what I intended", "who": "who was here",
     "when": "who was here", "heard": "what people said", "failed": "what failed", "count": "how many people were here",
-    "how_long": "how long people were here", "believed": "what I believed",
+    "how_long": "how long people were here", "ended": "how the plan ended",
 }  # fmt: skip
 _DEEDS = {
     "why": "why", "why_not": "why", "when": "when", "count": "how often", "did": "whether", "how_long": "how long",
@@ -112,6 +112,8 @@ def _indirect(one: Answer) -> str:
         if one.intent == "who" and told.startswith(agent):
             return f"who {told.removeprefix(agent)}"
         return f"{_DEEDS[one.intent]} {told}"
+    if one.intent == "believed":
+        return f"whether {_TIME.sub('', one.clauses[0].text)}"
     text = _STATES[one.intent]
     return _timed(text, one) if one.intent in ("see", "said", "doing", "next") else text
 

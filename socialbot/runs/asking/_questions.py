@@ -14,6 +14,7 @@ from typing import Literal
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
 from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
+from socialbot.runs.asking._named_beliefs import asked_beliefs
 from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
@@ -34,7 +35,21 @@ from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, 
 from socialbot.runs.asking.languages.synonyms import synonyms
 
 Kind = Literal[
-    "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed"
+    "why",
+    "why_not",
+    "see",
+    "next",
+    "doing",
+    "said",
+    "who",
+    "when",
+    "how_long",
+    "count",
+    "did",
+    "heard",
+    "failed",
+    "believed",
+    "ended",
 ]
 
 VERBS = (
@@ -134,6 +149,8 @@ class Question:
         verb: Its verb, if nothing explains it.
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
+        belief: Name of the belief that it asks for.
+        asks_when: Whether it asks since when something was believed.
     """
 
     kind: Kind | None
@@ -162,6 +179,8 @@ class Question:
     verb: str = ""
     is_synonym: bool = False
     thing_kind: str = ""
+    belief: str = ""
+    asks_when: bool = False
 
     @property
     def has_unknown_name(self) -> bool:
@@ -210,6 +229,8 @@ class Candidate:
     deed: NamedDeed | None
     left_over: int
     """Words of subordinate clauses that nothing explains."""
+    fit: float = 0.0
+    """Share of the words of a belief's name that the question has."""
 
 
 def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candidate]:
@@ -380,6 +401,8 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
             heard = _words_heard(found, subjects)
             one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
         yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
+    if "why" not in asked and "why_not" not in asked:
+        yield from _of_records(found, question, subjects)
     says, places = _words_said(found, quoted, subjects)
     if says:
         person = None if question.person is not None and question.person.me else question.person  # "can I help you"
@@ -389,6 +412,17 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         )
         for kind in (one for one in _OF_SAYING if one in asked):
             yield Candidate(replace(question, kind=kind), found, None, 0)
+
+
+def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
+    """Yield readings about beliefs and about the ends of plans."""
+    reading, free = found.reading, found.reading.free()
+    for each in asked_beliefs(reading, subjects):
+        unknown = tuple(reading.words[place] for place in free if place not in each.places)
+        asked = replace(question, kind="believed", belief=each.name, unknown=unknown, asks_when=reading.has("when"))
+        yield Candidate(asked, found, None, 0, each.fit)
+    if reading.has("outcome", "fail"):
+        yield Candidate(replace(question, kind="ended"), found, None, 0)
 
 
 def _is_another(deed: NamedDeed, found: Found) -> bool:

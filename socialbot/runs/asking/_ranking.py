@@ -78,6 +78,7 @@ def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Su
             tuple(question.things),
             question.event is None,
             question.contrast is None,
+            question.belief,
         )
         if records not in cache:
             cache[records] = dict(_of_parts(each, subjects))
@@ -97,7 +98,7 @@ def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Su
 def _mode(each: Candidate) -> str:
     """Return what a reading is about: a deed, words of the robot or of people, failures, another state, or nothing."""
     kind = each.question.kind
-    if kind in (None, "heard", "failed"):
+    if kind in (None, "heard", "failed", "believed", "ended"):
         return kind or "none"
     return "deed" if each.deed is not None else "says" if each.question.says else "state"
 
@@ -192,6 +193,9 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
         yield "quoted", max(shares, default=0.0)
     if question.agent:
         yield "agent acts", 1.0
+    if question.belief:
+        yield "belief words", each.fit
+        yield "other beliefs", 1.0 - each.fit
     if each.deed is None:
         return
     deed, topic = each.deed, each.deed.topic

@@ -20,7 +20,7 @@ from socialbot.runs.why import call_of
 ClaimKind = Literal[
     "did", "did_not", "said", "said_not", "believed", "not_believed", "percept", "wanted", "planned", "asked",
     "rejected", "chose", "saw", "saw_nobody", "here", "nobody_here", "count", "count_people", "nothing_wanted",
-    "message", "outside", "heard", "failed", "nothing_failed", "took",
+    "message", "outside", "heard", "failed", "nothing_failed", "took", "plan_ended",
 ]  # fmt: skip
 
 
@@ -337,6 +337,14 @@ class Speech:
         seconds = self.facts.seconds(failure.stamp)
         claim = Claim("failed", failure.source, (failure.what, goal.what, message), seconds)
         return self.at(Clause(text, tuple(dict.fromkeys((failure.id, goal.id))), claim), seconds)
+
+    def ended(self, end: TraceRecord) -> Clause:
+        """Return the clause of how a plan ended."""
+        outcome, reason = str(end.detail.get("outcome") or ""), str(end.detail.get("reason") or "")
+        text = self.say("ended", what=end.what, outcome=outcome, why=f": {reason}" if reason else "")
+        seconds = self.facts.seconds(end.stamp)
+        claim = Claim("plan_ended", end.source, (end.what, outcome, reason), seconds)
+        return self.at(Clause(text, (end.id,), claim), seconds)
 
     def took(self, deed: TraceRecord, end: TraceRecord) -> Clause:
         """Return the clause of how long a deed took."""

@@ -276,6 +276,12 @@ class Subjects:
         return self._acted[topic.name]
 
     @cached_property
+    def belief_names(self) -> tuple[str, ...]:
+        """Names of all beliefs."""
+        names = (each.what.partition("(")[0] for each in self.history if each.kind == "belief")
+        return tuple(dict.fromkeys(names))
+
+    @cached_property
     def heard_stems(self) -> Set[str]:
         """Stems of the words that people said."""
         return {stem(word) for each in self.history if each.kind == "hearing" for word in tokens(each.what)}

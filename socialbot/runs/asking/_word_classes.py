@@ -13,6 +13,7 @@ from socialbot.runs.asking.languages.synonyms import lexicon
 
 _ONLY_EXACT = {
     "fail",
+    "outcome",
     "wish",
     "unanswerable",
     "not",

@@ -6,6 +6,7 @@ from socialbot.agents.waldo import TalkingWaldo, small_talk
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import HeardSpeech, VoiceActivity
+from socialbot.runs.asking import _answers
 from tests.agents.waldo.corridor import GREETING, OFFER
 from tests.agents.waldo.hall import SPEECH, Hall
 
@@ -253,6 +254,12 @@ def test_a_misheard_question_is_answered_by_an_alternative():
 UNCLEAR = "Was anybody helped twice?"
 
 
+@pytest.fixture
+def unsure(monkeypatch):
+    """Every question with two readings is asked back."""
+    monkeypatch.setattr(_answers, "SURE", 0.96)
+
+
 @pytest.mark.parametrize(
     ("reply", "told"),
     [
@@ -264,7 +271,7 @@ UNCLEAR = "Was anybody helped twice?"
         ("Why did you greet me?", "I greeted you because"),
     ],
 )
-def test_a_question_that_is_not_clear_is_asked_back(reply, told):
+def test_a_question_that_is_not_clear_is_asked_back(reply, told, unsure):
     with Hall() as hall:
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)
@@ -284,7 +291,7 @@ def test_a_question_that_is_not_clear_is_asked_back(reply, told):
         assert action.what.startswith('explain("t1"')
 
 
-def test_nobody_says_which_question_is_meant():
+def test_nobody_says_which_question_is_meant(unsure):
     with Hall() as hall:
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.runs.asking import answer, asking_back, chosen_option
+from socialbot.runs.asking import _answers, answer, asking_back, chosen_option
 from tests.runs.asking.waldo_run import two_visitors
 
 UNCLEAR = "Was anybody helped twice?"
@@ -16,7 +16,8 @@ def run():
     return two_visitors()
 
 
-def test_the_closest_readings_are_offered_with_their_answers(run):
+def test_the_closest_readings_are_offered_with_their_answers(run, monkeypatch):
+    monkeypatch.setattr(_answers, "SURE", 1.0)
     found = answer(run, UNCLEAR)
     assert not found.known
     assert not found.clauses

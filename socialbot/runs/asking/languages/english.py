@@ -84,6 +84,11 @@ ENGLISH = Language(
             "objectives,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
+        "outcome": (
+            "end,ended,ends,finish,finished,succeed,succeeded,success,successful,successfully,complete,completed,outcome,"
+            "result,go well,went well,work out,worked out,according to plan,accomplish,accomplished,achieve,achieved,"
+            "over,break down,broke down"
+        ),
         "fail": (
             "go wrong,goes wrong,went wrong,gone wrong,going wrong,fail,failed,failure,failures,problem,problems,"
             "trouble,error,errors,fault,mistake,mistakes,difficulty,difficulties,not work,no good,run into,ran into,"
@@ -239,6 +244,7 @@ ENGLISH = Language(
         "heard": '{person} said "{what}"',
         "heard_you": 'you said "{what}"',
         "failed": "I failed to {what}{why}",
+        "ended": "the plan for {what} {outcome}{why}",
         "nothing_failed": "nothing failed",
         "took": "that took {value} s",
         "said_nothing": "I said nothing",

@@ -29,6 +29,7 @@ FRENCH = Language(
         "happen": "passe,arrive,passait,produit",
         "next": "ensuite,apres,prochaine,prochain,suite,suivant",
         "plan": "comptes,prevois,veux,vas,allez,intention,but,objectif,plan,voulez,feras,projet",
+        "outcome": ("fin,fini,finie,termine,terminee,reussi,reussie,succes,resultat,accompli"),
         "fail": "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte",
         "say": "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles",
         "here": (
@@ -133,6 +134,7 @@ FRENCH = Language(
         "heard": "{person} a dit « {what} »",
         "heard_you": "vous avez dit « {what} »",
         "failed": "j'ai échoué : {what}{why}",
+        "ended": "le plan pour {what} s'est terminé : {outcome}{why}",
         "nothing_failed": "rien n'a échoué",
         "took": "cela a duré {value} s",
         "said_nothing": "je n'ai rien dit",

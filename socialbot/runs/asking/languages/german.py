@@ -32,6 +32,9 @@ GERMAN = Language(
         "happen": "passiert,geschehen,geschieht,passierte,geschah,los",
         "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
         "plan": "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst",
+        "outcome": (
+            "ende,endete,beendet,fertig,erfolg,erfolgreich,gelungen,gelang,geschafft,geklappt,ergebnis,abgeschlossen"
+        ),
         "fail": (
             "schief,schiefgegangen,schiefgelaufen,fehler,problem,probleme,gescheitert,scheitern,scheiterte,misslungen,"
             "fehlgeschlagen,schwierigkeiten"
@@ -143,6 +146,7 @@ GERMAN = Language(
         "heard": "{person} sagte „{what}“",
         "heard_you": "du sagtest „{what}“",
         "failed": "mir misslang {what}{why}",
+        "ended": "der Plan für {what} endete: {outcome}{why}",
         "nothing_failed": "nichts misslang",
         "took": "das dauerte {value} s",
         "said_nothing": "ich sagte nichts",

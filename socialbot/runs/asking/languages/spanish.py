@@ -22,6 +22,7 @@ SPANISH = Language(
         "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
         "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
         "plan": "planeas,piensas,quieres,vas a,intencion,objetivo,plan,meta,pretendes,haras",
+        "outcome": ("fin,termino,terminado,terminada,exito,logrado,logro,resultado,acabo,acabado"),
         "fail": "problema,problemas,fallo,fallar,fallado,fallaste,error,salio mal,dificultad",
         "say": "dices,dijiste,decir,dicho,hablaste,frase,palabras",
         "here": (
@@ -125,6 +126,7 @@ SPANISH = Language(
         "heard": "{person} dijo «{what}»",
         "heard_you": "dijiste «{what}»",
         "failed": "fallé en {what}{why}",
+        "ended": "el plan para {what} terminó: {outcome}{why}",
         "nothing_failed": "nada falló",
         "took": "eso duró {value} s",
         "said_nothing": "no dije nada",

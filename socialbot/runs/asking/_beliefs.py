@@ -1,0 +1,72 @@
+"""Answers from beliefs and from the ends of plans: what was believed when, and whether a plan succeeded."""
+
+from __future__ import annotations
+
+import re
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._facts import Held, near
+from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
+from socialbot.runs.asking._sentences import Clause
+from socialbot.runs.asking._topics import arguments_of
+from socialbot.runs.asking._words import stem, tokens
+
+
+def believed(scope: Scope) -> Told | None:
+    """Return what was believed at the time in question; of a question "when", since when it was believed."""
+    question = scope.question
+    named = {*question.things, *([question.agent] if question.agent else [])}
+    held = [
+        each
+        for each in scope.facts.held(question.belief)
+        if named <= {*arguments_of(each.what), each.agent} and scope.agent in ("", each.agent, *named)
+    ]
+    if scope.persons:
+        held = [each for each in held if {*scope.persons} & {*arguments_of(each.what)}]
+    seconds, stamp = scope.moment()
+    if question.asks_when:
+        begun = [each for each in held if each.begin <= scope.now]
+        chosen = [one for one in [scope.numbered(begun)] if one is not None]
+        clauses = [
+            scope.speech.at(scope.speech.believed(each, each.begin), scope.facts.seconds(each.begin)) for each in chosen
+        ]
+    else:
+        chosen = [each for each in held if each.at(stamp)] or _last(held, stamp, has_time=question.at_s is not None)
+        clauses = [_at(scope, each, seconds, stamp) for each in chosen[:MOST_NAMED]]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def _last(held: list[Held], stamp: int, *, has_time: bool) -> list[Held]:
+    """Return the last belief before a time; none if the question names the time."""
+    before = [each for each in held if each.begin <= stamp]
+    return before[-1:] if before and not has_time else []
+
+
+def _at(scope: Scope, held: Held, seconds: float, stamp: int) -> Clause:
+    if not held.at(stamp):
+        seconds, stamp = scope.facts.seconds(held.begin), held.begin
+    return scope.speech.at(scope.speech.believed(held, stamp), seconds)
+
+
+def ended(scope: Scope) -> Told | None:
+    """Return how the plans in question ended: those whose goal or desire the words name, or else the last one."""
+    found = [
+        each
+        for each in scope.facts.plan_ends
+        if each.stamp <= scope.now and scope.agent in ("", each.source) and _is_named(each, scope)
+    ]
+    asked = {stem(word) for word in scope.question.unknown}
+    named = [
+        each for each in found if asked.intersection(stem(word) for word in tokens(re.sub(r"\W|_", " ", each.what)))
+    ]
+    found = named or found
+    if scope.question.at_s is not None:
+        found = near(found, scope.history.stamp(scope.question.at_s), 2.0)
+    chosen = [one for one in [scope.numbered(found)] if one is not None]
+    clauses = [scope.speech.ended(each) for each in chosen]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def _is_named(end: TraceRecord, scope: Scope) -> bool:
+    things = set(scope.question.things) - {end.source}
+    return things <= {*re.findall(r"\w+", end.what)}

@@ -1,0 +1,56 @@
+"""Beliefs that the words of a question may name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from socialbot.runs.asking._references import Reading
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._words import stem
+
+LEAST_FIT = 0.5
+"""Least share of the words of a belief's name that a question has to have."""
+
+_PLACES = {"in", "at", "on", "upon", "position", "location", "located", "place", "room"}
+"""Words in the names of beliefs about places, which answer "where"."""
+_SAME = {
+    "charge": {"full", "empty", "low", "power", "energy", "battery", "charge", "charged", "level"},
+    "battery": {"battery", "power", "energy"},
+    "holding": {"hold", "holding", "carry", "carrying", "held"},
+    "cleaned": {"clean", "cleaned", "tidy", "dirty"},
+    "present": {"there", "present", "here"},
+    "gone": {"gone", "left", "away"},
+    "speaks": {"speak", "speaks", "spoke", "language"},
+    "people": {"people", "persons", "visitors"},
+}
+"""Words of questions for words in the names of beliefs, beside the same word."""
+
+
+class AskedBelief(NamedTuple):
+    """Name of a belief that a question may ask for, the share of its words, and the places of those in the question."""
+
+    name: str
+    fit: float
+    places: frozenset[int]
+
+
+def asked_beliefs(reading: Reading, subjects: Subjects) -> Iterator[AskedBelief]:
+    """Yield the beliefs that the words of a question may ask for."""
+    stems = {place: stem(word) for place, word in enumerate(reading.words)}
+    is_where = reading.has("where") or {"which", "room"} <= set(reading.words)
+    for name in subjects.belief_names:
+        parts = [part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+        if is_where and _PLACES.intersection(parts[:1]):
+            yield AskedBelief(name, 1.0, frozenset(reading.places("where")))
+            continue
+        places: set[int] = set()
+        matched = 0
+        for part in parts:
+            known = {stem(word) for word in _SAME.get(part, {part})}
+            own = {place for place, word in stems.items() if word in known}
+            matched += bool(own)
+            places |= own
+        if parts and matched / len(parts) >= LEAST_FIT:
+            yield AskedBelief(name, matched / len(parts), frozenset(places))
