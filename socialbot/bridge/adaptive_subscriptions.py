@@ -13,7 +13,7 @@ from typing import Any
 from socialbot.bags.codec import STRING
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.qos import matching_qos
-from socialbot.bridge.stream_watch import Watch, WatchedSubscription
+from socialbot.bridge.stream_watch import Note, Watch, WatchedSubscription, noting
 from socialbot.bridge.transport import Transport, is_sealed, log_refusal, message_class
 from socialbot.core.errors import MessageError
 
@@ -64,17 +64,17 @@ class AdaptiveSubscription:
         self._destroy()
         self._qos = qos
         if self.watch is None:
-            self._subscription = self._create()
+            self._subscription = self._create(lambda _: None)
         else:
             self._subscription = self._watched = WatchedSubscription(self.ros, self._create, self.watch)
 
-    def _create(self) -> Any:
+    def _create(self, note: Note) -> Any:
         from rclpy.event_handler import SubscriptionEventCallbacks
 
         return self.ros.create_subscription(
             self.kind,
             self.name,
-            self.take,
+            noting(note, lambda message, _: self.take(message)),
             self._qos,
             raw=self.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),

@@ -17,6 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from socialbot.bridge.qos import observer_qos
+from socialbot.bridge.stream_watch import noting
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import NO_JSON, Health, State
@@ -95,7 +96,11 @@ class DiagnosticsSubscriber:
         qos = observer_qos(latched=False)
         self.listener = Listener(
             transport.watched(
-                ros, lambda: ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, qos), self._opener
+                ros,
+                lambda note: ros.create_subscription(
+                    array, DIAGNOSTICS_TOPIC, noting(note, lambda message, _: self._receive(message)), qos
+                ),
+                self._opener,
             )
         )
 

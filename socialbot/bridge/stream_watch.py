@@ -25,6 +25,8 @@ MAX_PAUSE_S = 2 * SILENT_S
 """Longest time (s) between two replacements of a subscription."""
 CHECK_S = 1.0
 """Shortest time (s) between two checks."""
+OVERLAP_S = BEACON_S
+"""Time (s) whose messages the new of two subscriptions must all have received: each publisher sends one."""
 LOST_S = SILENT_S + BEACON_S
 """Time (s) for which the same number of publishers must be missing: so long that a replacement would have helped."""
 MAX_STREAMS = 256
@@ -123,24 +125,51 @@ class StreamWatch:
         self.overlaps = False
 
 
+Note = Callable[[Any], None]
+"""Gets each ROS message of a subscription when it arrives."""
+
+
+class _Arrivals:
+    """Messages that one subscription received lately, by their content."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._times: dict[int, float] = {}
+
+    def note(self, message: Any) -> None:
+        content = message if isinstance(message, bytes) else getattr(message, "data", None) or repr(message)
+        self._times[hash(content)] = self._clock()
+
+    def between(self, begin: float, end: float) -> set[int]:
+        """Messages that arrived from ``begin`` to ``end``; those before are forgotten."""
+        self._times = {content: at for content, at in self._times.items() if at >= begin}
+        return {content for content, at in self._times.items() if at <= end}
+
+
 class WatchedSubscription:
-    """Subscription of the rclpy node ``ros`` that can be replaced; ``create`` makes an rclpy subscription."""
+    """Subscription of the rclpy node ``ros`` that can be replaced.
+
+    ``create`` makes an rclpy subscription that calls the given function with each message first.
+    """
 
     def __init__(
-        self, ros: Any, create: Callable[[], Any], watch: Watch, clock: Callable[[], float] = time.monotonic
+        self, ros: Any, create: Callable[[Note], Any], watch: Watch, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._ros = ros
         self._create = create
         self._watch = watch
         self._clock = clock
-        self._subscription = create()
-        self._replaced: Any = None
+        self._replaced: tuple[Any, _Arrivals] | None = None
+        self._subscription, self._arrivals = self._created()
         self._replaced_at = -math.inf
-        self._has_matched = False
         self._publishers = 0
         self._since = self._checked = clock()
         self._pause_s = SILENT_S
         self._destroyed = False
+
+    def _created(self) -> tuple[Any, _Arrivals]:
+        arrivals = _Arrivals(self._clock)
+        return self._create(lambda message: arrivals.note(message) if self._replaced is not None else None), arrivals
 
     @property
     def topic_name(self) -> str:
@@ -148,8 +177,8 @@ class WatchedSubscription:
 
     def get_publisher_count(self) -> int:
         """Number of matched publishers; a new subscription matches them a little later than the replaced one."""
-        present = (each for each in (self._subscription, self._replaced) if each is not None)
-        return max(each.get_publisher_count() for each in present)
+        replaced = 0 if self._replaced is None else self._replaced[0].get_publisher_count()
+        return max(self._subscription.get_publisher_count(), replaced)
 
     def fault(self) -> str:
         """Reason to replace the subscription now; empty if there is none, or it is too early."""
@@ -157,7 +186,7 @@ class WatchedSubscription:
         if self._destroyed or now - self._checked < CHECK_S:
             return ""
         self._checked = now
-        self._check_overlap()
+        self._check_overlap(now)
         before, self._publishers = self._publishers, self.get_publisher_count()
         if self._publishers > before:
             self._since = now
@@ -171,15 +200,18 @@ class WatchedSubscription:
         return self._watch.lost(self.get_publisher_count(), wanted)
 
     def replace(self) -> None:
-        """Subscribe again, and end the present subscription at a later check: meanwhile both receive.
+        """Subscribe again, and end one of the two subscriptions at a later check: meanwhile both receive.
 
-        It ends when the new one has matched as many publishers since the check before, or after `SILENT_S`.
+        A subscription knows a publisher before the publisher knows it, on a slow link seconds before. So the old one
+        ends when the new one has received all its messages of `OVERLAP_S`. After `MAX_PAUSE_S`, the one ends that has
+        received fewer messages.
         """
         if self._destroyed:
             return
         if self._replaced is None:
-            self._replaced, self._subscription = self._subscription, self._create()
-            self._replaced_at, self._has_matched = self._clock(), False
+            self._replaced = self._subscription, self._arrivals
+            self._subscription, self._arrivals = self._created()
+            self._replaced_at = self._clock()
             self._watch.begin_again()
         self._since, self._publishers = self._clock(), 0
         self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
@@ -190,17 +222,21 @@ class WatchedSubscription:
         self._end_overlap()
         self._ros.destroy_subscription(self._subscription)
 
-    def _check_overlap(self) -> None:
+    def _check_overlap(self, now: float) -> None:
         if self._replaced is None:
             return
-        had_matched = self._has_matched
-        self._has_matched = self._subscription.get_publisher_count() >= self._replaced.get_publisher_count()
-        if (had_matched and self._has_matched) or self._clock() - self._replaced_at >= SILENT_S:
-            self._end_overlap()
+        old = self._replaced[1].between(now - CHECK_S - OVERLAP_S, now - CHECK_S)
+        new = self._arrivals.between(now - 2 * CHECK_S - OVERLAP_S, now)
+        has_all = bool(new) and old <= new and now - self._replaced_at >= CHECK_S + OVERLAP_S
+        if not has_all and now - self._replaced_at < MAX_PAUSE_S:
+            return
+        if len(new) < len(old):
+            self._replaced, (self._subscription, self._arrivals) = (self._subscription, self._arrivals), self._replaced
+        self._end_overlap()
 
     def _end_overlap(self) -> None:
         if self._replaced is not None:
-            self._ros.destroy_subscription(self._replaced)
+            self._ros.destroy_subscription(self._replaced[0])
             self._replaced = None
             self._watch.end_overlap()
 
@@ -216,3 +252,13 @@ def replace_faulty(subscriptions: Collection[WatchedSubscription]) -> dict[str, 
         for each in subscriptions:
             each.replace()
     return reasons
+
+
+def noting(note: Note, take: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    """Call ``note`` with each message before ``take``, which also gets the information from rclpy."""
+
+    def receive(message: Any, info: Any) -> None:
+        note(message)
+        take(message, info)
+
+    return receive

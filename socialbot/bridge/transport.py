@@ -35,7 +35,7 @@ from socialbot.bridge.environment import (
     ros_remedy,
 )
 from socialbot.bridge.qos import QUEUE_DEPTH, profile, publisher_qos, subscription_qos
-from socialbot.bridge.stream_watch import BEACON_S, Watch, WatchedSubscription, replace_faulty
+from socialbot.bridge.stream_watch import BEACON_S, Note, Watch, WatchedSubscription, noting, replace_faulty
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import Message, Structured
@@ -290,7 +290,11 @@ class Transport:
             receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
             receiver.opener.watch.keeps_all = qos.depth >= QUEUE_DEPTH[Delivery.EVERY]
         return Listener(
-            self.watched(ros, lambda: ros.create_subscription(ros_class, name, receive, qos), receiver.opener)
+            self.watched(
+                ros,
+                lambda note: ros.create_subscription(ros_class, name, noting(note, receive), qos),
+                receiver.opener,
+            )
         )
 
     def listen_bytes(
@@ -313,29 +317,26 @@ class Transport:
 
         seal_qos = profile(QUEUE_DEPTH[Delivery.EVERY], latched=latched)
 
-        def messages() -> Any:
-            return ros.create_subscription(
-                ros_class, topic, lambda cdr, info: matcher.take_message(cdr, info), qos, raw=True
-            )
+        def messages(note: Note) -> Any:
+            return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, raw=True)
 
-        def seals() -> Any:
-            return ros.create_subscription(
-                message_class(STRING), seal_topic(topic), lambda text: matcher.take_seal(text.data), seal_qos
-            )
+        def seals(note: Note) -> Any:
+            take_seal = noting(note, lambda text, _: matcher.take_seal(text.data))
+            return ros.create_subscription(message_class(STRING), seal_topic(topic), take_seal, seal_qos)
 
         return Listener(self._watch(ros, messages, matcher.watch), self._watch(ros, seals, matcher.opener.watch))
 
-    def watched(self, ros: Any, create: Callable[[], Any], opener: Opener | None) -> Any:
+    def watched(self, ros: Any, create: Callable[[Note], Any], opener: Opener | None) -> Any:
         """Make a subscription to sealed messages that is replaced when they do not arrive; a plain one without keys.
 
         Args:
             ros: The node of the subscription, which must be spun.
-            create: Makes the subscription.
+            create: Makes the subscription, which calls the given function with each message first.
             opener: Verifies its messages.
         """
-        return create() if opener is None else self._watch(ros, create, opener.watch)
+        return create(lambda _: None) if opener is None else self._watch(ros, create, opener.watch)
 
-    def _watch(self, ros: Any, create: Callable[[], Any], watch: Watch) -> WatchedSubscription:
+    def _watch(self, ros: Any, create: Callable[[Note], Any], watch: Watch) -> WatchedSubscription:
         made = WatchedSubscription(ros, create, watch)
         with self._lock:
             self._watched.add(made)

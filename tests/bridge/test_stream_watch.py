@@ -12,7 +12,9 @@ from socialbot.bridge.stream_watch import (
     LOST_S,
     MAX_PAUSE_S,
     MAX_STREAMS,
+    OVERLAP_S,
     SILENT_S,
+    Note,
     StreamWatch,
     WatchedSubscription,
     replace_faulty,
@@ -40,8 +42,8 @@ class Ros:
         self.present: list[SimpleNamespace] = []
         self.publishers = 1
 
-    def create(self, topic: str = "/said") -> SimpleNamespace:
-        made = SimpleNamespace(topic_name=topic, get_publisher_count=lambda: self.publishers)
+    def create(self, note: Note, topic: str = "/said") -> SimpleNamespace:
+        made = SimpleNamespace(topic_name=topic, get_publisher_count=lambda: self.publishers, arrives=note)
         self.present.append(made)
         return made
 
@@ -281,30 +283,63 @@ class TestWatchedSubscription:
         ros.publishers = 1
         assert faults(subscription, time, 5.0) == [SILENT_S + CHECK_S - 4.0]
 
-    def test_both_receive_until_the_new_one_has_matched_for_a_check(self, subscription, ros, watch, time):
+    def test_both_receive_until_the_new_one_hears_what_the_old_one_hears(self, subscription, ros, watch, time):
+        """The new one has matched long before its publishers know it."""
         subscription.replace()
-        ros.present[1].get_publisher_count = lambda: 0
-        for _ in range(3):
+        old, new = ros.present
+        for number in range(8):
+            old.arrives(f"robot {number}")
+            old.arrives(f"other {number}")
+            if number >= 2:
+                new.arrives(f"robot {number}")
             time.passes(CHECK_S)
             subscription.fault()
-            assert (len(ros.present), watch.overlaps) == (2, True)
-        ros.present[1].get_publisher_count = lambda: ros.publishers
-        time.passes(CHECK_S)
-        subscription.fault()
-        assert (len(ros.present), watch.overlaps) == (2, True)
-        time.passes(CHECK_S)
-        subscription.fault()
-        assert (len(ros.present), watch.overlaps) == (1, False)
+            assert (ros.present, watch.overlaps) == ([old, new], True)
+        checks = 0
+        while len(ros.present) == 2:
+            for each in (old, new):
+                each.arrives(f"robot and other {checks}")
+            time.passes(CHECK_S)
+            subscription.fault()
+            checks += 1
+        assert checks == (CHECK_S + OVERLAP_S) / CHECK_S
+        assert (ros.present, watch.overlaps) == ([new], False)
 
-    def test_an_old_one_that_matches_more_is_kept_for_a_bounded_time(self, subscription, ros, watch, time):
-        ros.present[0].get_publisher_count = lambda: 9
+    def test_a_new_one_that_hears_less_is_given_up(self, subscription, ros, watch, time):
         subscription.replace()
-        time.passes(SILENT_S - 0.1)
-        subscription.fault()
+        old, new = ros.present
+        for number in range(round(MAX_PAUSE_S / CHECK_S)):
+            assert (ros.present, watch.overlaps) == ([old, new], True)
+            old.arrives(b"robot %d" % number)
+            time.passes(CHECK_S)
+            subscription.fault()
+        assert (ros.present, watch.overlaps) == ([old], False)
+        subscription.replace()
         assert len(ros.present) == 2
+
+    def test_an_old_one_that_hears_nothing_ends_once_the_new_one_hears(self, subscription, ros, time):
+        subscription.replace()
+        old, new = ros.present
+        for number in range(3):
+            assert ros.present == [old, new]
+            new.arrives(SimpleNamespace(data="", status=[number]))
+            time.passes(CHECK_S)
+            subscription.fault()
+        assert ros.present == [new]
+
+    def test_of_two_that_hear_nothing_the_new_one_is_kept(self, subscription, ros, time):
+        subscription.replace()
+        old, new = ros.present
+        time.passes(MAX_PAUSE_S - 0.1)
+        subscription.fault()
+        assert ros.present == [old, new]
         time.passes(CHECK_S)
         subscription.fault()
-        assert (len(ros.present), watch.overlaps) == (1, False)
+        assert ros.present == [new]
+
+    def test_nothing_is_noted_without_an_overlap(self, subscription, ros):
+        ros.present[0].arrives(b"robot")
+        assert subscription._arrivals.between(0.0, 1e9) == set()
 
     def test_a_destroyed_one_leaves_none(self, subscription, ros, time):
         subscription.replace()
@@ -324,15 +359,14 @@ class TestWatchedSubscription:
         subscription.replace()
         subscription.replace()
         assert len(ros.present) == 2
-        for _ in range(2):
-            time.passes(CHECK_S)
-            subscription.fault()
+        time.passes(MAX_PAUSE_S)
+        subscription.fault()
         assert len(ros.present) == 1
 
     def test_a_fault_replaces_all_subscriptions_of_the_node(self, subscription, ros, time):
         heard = StreamWatch(clock=time)
         heard.note(ROBOT, 1, is_beacon=False)
-        other = WatchedSubscription(ros, lambda: ros.create("/other"), heard, time)
+        other = WatchedSubscription(ros, lambda note: ros.create(note, "/other"), heard, time)
         time.passes(CHECK_S)
         assert replace_faulty([subscription, other]) == {}
         time.passes(SILENT_S)
