@@ -61,8 +61,11 @@ class AdaptiveSubscription:
                 log.warning("%s: subscribed again: %s", self.name, reason)
                 self._watched.replace()
             return
-        self._destroy()
         self._qos = qos
+        if self._watched is not None and not self._watched.overlaps:
+            self._watched.replace()  # Seals show which messages both receive, so none is lost.
+            return
+        self._destroy()
         if self.watch is None:
             self._subscription = self._create(lambda _: None)
         else:

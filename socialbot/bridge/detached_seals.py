@@ -140,7 +140,9 @@ class SealMatcher:
             if seal.digest == name:
                 self._deliver(seal, cdr, info)
                 return
-        if self.watch.overlaps and name in self._delivered:
+        if self.watch.overlaps and (
+            name in self._delivered or any(name == waiting for _, waiting, *_ in self._waiting)
+        ):
             return
         self._waiting.append((self.clock(), name, cdr, info))
         self._bytes += len(cdr)

@@ -175,6 +175,11 @@ class WatchedSubscription:
     def topic_name(self) -> str:
         return self._subscription.topic_name
 
+    @property
+    def overlaps(self) -> bool:
+        """Whether it is being replaced, so that two subscriptions receive."""
+        return self._replaced is not None
+
     def get_publisher_count(self) -> int:
         """Number of matched publishers; a new subscription matches them a little later than the replaced one."""
         replaced = 0 if self._replaced is None else self._replaced[0].get_publisher_count()

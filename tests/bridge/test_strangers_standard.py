@@ -18,7 +18,7 @@ from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, spinning_node
 from socialbot.bridge.inspection import LiveImages
 from socialbot.bridge.keys import new_key
-from socialbot.bridge.qos import publisher_qos
+from socialbot.bridge.qos import profile, publisher_qos
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, SimClock, StepReport
 from socialbot.bridge.transport import WINDOW_VARIABLE, RclpyTypes, message_class, open_transport
@@ -259,6 +259,47 @@ def test_a_recording_holds_only_sealed_images(keys: None, tmp_path: Path) -> Non
     with open_bag(tmp_path / "bag") as bag:
         found = [one for _, one in bag.messages({"/camera": "/camera"}, {"/camera": Image}) if isinstance(one, Image)]
     assert [int(one.data[0]) for one in found] == [1]
+
+
+def test_a_recording_loses_nothing_when_a_publisher_of_another_reliability_joins(keys: None, tmp_path: Path) -> None:
+    """The recorder subscribes again then, with a quality of service for both."""
+    done, made = threading.Event(), list[Recording]()
+    thread = threading.Thread(
+        target=lambda: made.append(record(tmp_path / "bag", topics=["/standard"], stopped=done.is_set))
+    )
+    transport = open_transport()
+    with spinning_node("source") as ros, spinning_node("other") as other:
+        sender = transport.advertise(ros, "/standard", CameraInfo)
+        thread.start()
+        try:
+            assert eventually(lambda: sender.publisher.get_subscription_count() == 1)
+            assert eventually(lambda: sender.seals.get_subscription_count() == 1)
+            sent, make = 0, CASES["camera_info"].make
+
+            def send_until(reached: Callable[[], bool]) -> None:
+                nonlocal sent
+                while not reached():
+                    sent += 1
+                    sender.publish(make(sent))
+                    done.wait(0.02)
+
+            send_until(lambda: sent == 50)
+            joined = other.create_publisher(
+                message_class("sensor_msgs/msg/CameraInfo"), "/standard", profile(10, reliable=False)
+            )
+            send_until(lambda: joined.get_subscription_count() == 1)
+            last = sent + 50
+            send_until(lambda: sent == last)
+            sender.publisher.wait_for_all_acked()
+            sender.seals.wait_for_all_acked()
+        finally:
+            done.set()
+            thread.join()
+    assert made[0].refused == {}
+    with open_bag(tmp_path / "bag") as bag:
+        messages = bag.messages({"/standard": "/standard"}, {"/standard": CameraInfo})
+        found = [one.width for _, one in messages if isinstance(one, CameraInfo)]
+    assert found == list(range(1, sent + 1))
 
 
 def test_text_of_others_is_a_standard_type(keys: None, tmp_path: Path) -> None:
