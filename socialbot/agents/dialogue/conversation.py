@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from socialbot.agents.dialogue.intents import UNKNOWN, Reading
+from socialbot.agents.dialogue.intents import UNKNOWN, Reading, negations_in
 from socialbot.agents.dialogue.script import ANY, Question, Script
 from socialbot.bdi import (
     Action,
@@ -296,7 +296,9 @@ class Conversation:
         expected = {intent for question in questions for intent in question.expects if intent != ANY}
         is_sure = not message.confidence or message.confidence >= self.policy.sure_confidence
         found: list[tuple[Reading, str]] = []
-        for text in (message.text, *message.alternatives):
+        denied = negations_in(message.text, languages[0])
+        texts = [one for one in message.alternatives if negations_in(one, languages[0]) == denied]
+        for text in (message.text, *texts):
             readings = [self.script.grammar.read(text, language, expected) for language in languages]
             reading = max(readings, key=lambda each: (each.words, each.score))
             if reading and (is_sure or not reading.left):

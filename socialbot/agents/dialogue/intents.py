@@ -243,6 +243,9 @@ class Grammar:
                 ),
                 rank,
             )  # fmt: skip
+        affirmed = [clause for clause in clauses if not NEGATIONS.get(language, frozenset()).intersection(clause)]
+        if not best and 0 < len(affirmed) < len(clauses):  # "Do not call Anna, call Thomas."
+            return self.read(". ".join(map(" ".join, affirmed)), language, expected)
         return best
 
     def _check_slots(self, intent: Intent) -> None:
@@ -262,6 +265,12 @@ class Grammar:
             found[slot] = [span for span in spans if not _follows_negation(span.start, sentence, starts, language)]
             rejected += (span for span in spans if span not in found[slot])
         return found, rejected
+
+
+def negations_in(text: str, language: str) -> list[str]:
+    """Return the negations in a text."""
+    known = NEGATIONS.get(language, frozenset())
+    return [word for clause in words(text, language) for word in clause if word in known]
 
 
 def _beside(sentence: Sequence[str], excluded: Iterable[_Span], language: str) -> set[int]:

@@ -175,7 +175,8 @@ def is_question(words: Sequence[str], language: Language) -> bool:
         if any(_is_at(phrase, words, place) for phrase in asking):
             return True
         if place == 0 and word in language.auxiliaries and len(words) > 2:
-            return True
+            is_denied = tuple(words[1:2]) in language.phrases["not"]  # "Do not call Anna" is no question.
+            return not is_denied or tuple(words[2:3]) in language.phrases["you"]
         if word not in thinking and word not in aside:
             return False
     return False

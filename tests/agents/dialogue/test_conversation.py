@@ -233,6 +233,13 @@ def test_speech_of_low_confidence_is_only_understood_as_a_whole(text, reply):
     assert robot.said == [f"ann: {reply}"]
 
 
+def test_no_alternative_is_read_that_lacks_a_negation():
+    robot = Robot()
+    robot.hear("ann", "Don't go to the library", alternatives=("Go to the library", "Where is the library?"))
+    robot.run()
+    assert robot.said == ["ann: repair"]
+
+
 def test_an_alternative_is_read_if_the_text_is_not_understood():
     robot = Robot()
     robot.hear("ann", "wears the library", alternatives=("Purple elephants", "Where is the library?", "Thank you"))

@@ -192,3 +192,13 @@ def test_a_phrase_can_be_the_whole_sentence(text, slots):
 def test_words_that_a_phrase_leaves_are_counted():
     assert GRAMMAR.read("Excuse me, where is the library, please?", "en").left == 0
     assert GRAMMAR.read("Where is the library of my old school", "en").left == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "language"),
+    [("Don't call Bob, call Anna.", "en"), ("Call Anna, don't call Bob.", "en"), ("Nicht Bob, ruf Anna", "de")],
+)
+def test_a_clause_without_the_negation_is_read(text, language):
+    reading = GRAMMAR.read(text, language)
+    assert (reading.intent, reading.slots) == ("call", ("anna",))
+    assert not GRAMMAR.read("Don't call Anna, don't call Bob.", "en")

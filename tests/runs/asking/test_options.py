@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.runs.asking import _answers, answer, asking_back, chosen_option
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.runs.asking import _answers, answer, asking_back, chosen_option, is_asked
 from tests.runs.asking.waldo_run import two_visitors
 
 UNCLEAR = "Was anybody helped twice?"
@@ -61,3 +63,28 @@ def test_a_reply_chooses_a_reading(reply, chosen):
 def test_there_is_no_second_reading_to_choose():
     assert chosen_option(["who was here"], "yes") == 1
     assert chosen_option(["who was here"], "the second") == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "is_question"),
+    [
+        ("Why did you greet me?", True), ("Please tell me who was here", True), ("Did you greet me", True),
+        ("Didn't you greet me?", True), ("Do not call Anna, call Thomas.", False), ("All people were here.", False),
+        ("I wonder when t1 left", True), ("", False),
+    ],
+)  # fmt: skip
+def test_the_form_of_a_question(text, is_question):
+    assert is_asked(text, "en") == is_question
+
+
+def test_facts_are_kept_until_the_next_record():
+    live = two_visitors()
+    facts = _answers.facts_of(live)
+    assert _answers.facts_of(live) is facts
+    assert answer(live, "How many people were here?").text == "2 people were here."
+    later = PersonDetection(x=100, y=50, w=80, h=200, score=0.9, track_id="t3", distance_m=4.0, facing_rad=0.2)
+    stamp = live.end + SECOND
+    frame = PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=(later,))
+    live.observe("/humans/bodies/detections", frame)
+    assert _answers.facts_of(live) is not facts
+    assert answer(live, "How many people were here?").text == "3 people were here."
