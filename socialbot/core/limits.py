@@ -8,6 +8,9 @@ TEXT_BYTES = 1 << 24
 SENTENCE_CHARACTERS = 10_000
 """Longest sentence that is said or heard: ten minutes of speech."""
 
+ALTERNATIVES = 100
+"""Most alternative texts of a heard sentence."""
+
 PERSONS = 2000
 """Most people in a message."""
 

@@ -434,7 +434,7 @@ class HeardSpeech(Structured, frozen=True, kw_only=True):
 
     start: Int64
     text: Sentence
-    alternatives: tuple[str, ...] = ()
+    alternatives: Annotated[tuple[Sentence, ...], msgspec.Meta(max_length=limits.ALTERNATIVES)] = ()
     language: str = ""
     confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     person: str = ""

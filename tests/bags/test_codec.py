@@ -312,6 +312,7 @@ STILL = Transform(stamp=1, parent="a", child="b", translation=(0, 0, 0), rotatio
         ("PERSONS", lambda n: PersonDetections(stamp=1, frame_id="", width=1, height=1, persons=(PERSON,) * n)),
         ("SENTENCE_CHARACTERS", lambda n: Utterance(stamp=1, id="a", text="x" * n)),
         ("SENTENCE_CHARACTERS", lambda n: HeardSpeech(stamp=1, start=0, text="x" * n)),
+        ("ALTERNATIVES", lambda n: HeardSpeech(stamp=1, start=0, text="x", alternatives=("y",) * n)),
         ("TRANSFORMS", lambda n: Transforms(stamp=1, transforms=(STILL,) * n)),
         (
             "JOINTS",
