@@ -248,6 +248,7 @@ def test_a_recording_holds_only_sealed_images(keys: None, tmp_path: Path) -> Non
             assert eventually(intruder.is_connected)
             intruder.messages.publish(encode(image(2), RclpyTypes()))
             assert eventually(lambda: len(intruder.heard) == 1)
+            intruder.messages.wait_for_all_acked()
             sender.publish(image(1))
             sender.publisher.wait_for_all_acked()
             sender.seals.wait_for_all_acked()
