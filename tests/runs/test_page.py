@@ -65,7 +65,7 @@ def test_page_loads_without_errors(visit):
     assert visit.number("document.querySelector('#picture').naturalWidth") == 640
     assert processor_s(visit) < FIRST_PICTURE_S
     before: list[str] = []
-    for _ in range(3):
+    for _ in range(10):
         before = visit.page.evaluate(BEFORE_THE_PICTURE)
         if before == ["run"]:
             break
