@@ -168,7 +168,7 @@ class Reception(GraphTester):
         return bool(told) and self.messages("/speech/status")[-1].state == "finished"
 
     def outcome(self, begin: int) -> Outcome:
-        """Return what became of what was said from a time (ns) on."""
+        """Return how the sentence that was said from a time (ns) on was heard and read."""
         trace = [each for each in self.messages("/waldo/trace") if each.stamp >= begin]
         heard = [
             re.findall(r'"([^"]*)"', each.what)[1:]

@@ -63,7 +63,8 @@ class AdaptiveSubscription:
             return
         self._qos = qos
         if self._watched is not None and not self._watched.overlaps:
-            self._watched.replace()  # Seals show which messages both receive, so none is lost.
+            # Seals show which messages both receive, so none is lost. The old one may match no new publisher.
+            self._watched.replace(may_fail=False)
             return
         self._destroy()
         if self.watch is None:

@@ -161,7 +161,7 @@ class WatchedSubscription:
         self._clock = clock
         self._replaced: tuple[Any, _Arrivals] | None = None
         self._subscription, self._arrivals = self._created()
-        self._replaced_at = -math.inf
+        self._replaced_at, self._may_fail = -math.inf, True
         self._publishers = 0
         self._since = self._checked = clock()
         self._pause_s = SILENT_S
@@ -204,19 +204,19 @@ class WatchedSubscription:
         """How many of the ``wanted`` publishers with keys are lost: only another participant may receive them."""
         return self._watch.lost(self.get_publisher_count(), wanted)
 
-    def replace(self) -> None:
+    def replace(self, *, may_fail: bool = True) -> None:
         """Subscribe again, and end one of the two subscriptions at a later check: meanwhile both receive.
 
         A subscription knows a publisher before the publisher knows it, on a slow link seconds before. So the old one
         ends when the new one has received all its messages of `OVERLAP_S`. After `MAX_PAUSE_S`, the one ends that has
-        received fewer messages.
+        received fewer messages; the old one, unless the replacement ``may_fail``.
         """
         if self._destroyed:
             return
         if self._replaced is None:
             self._replaced = self._subscription, self._arrivals
             self._subscription, self._arrivals = self._created()
-            self._replaced_at = self._clock()
+            self._replaced_at, self._may_fail = self._clock(), may_fail
             self._watch.begin_again()
         self._since, self._publishers = self._clock(), 0
         self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
@@ -235,7 +235,7 @@ class WatchedSubscription:
         has_all = bool(new) and old <= new and now - self._replaced_at >= CHECK_S + OVERLAP_S
         if not has_all and now - self._replaced_at < MAX_PAUSE_S:
             return
-        if len(new) < len(old):
+        if self._may_fail and len(new) < len(old):
             self._replaced, (self._subscription, self._arrivals) = (self._subscription, self._arrivals), self._replaced
         self._end_overlap()
 

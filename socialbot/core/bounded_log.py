@@ -125,7 +125,7 @@ class LossyLog:
             self.problem = ""
 
     def restore(self) -> None:
-        """Begin a new file if the old one was removed, also while there is nothing to write."""
+        """Make the file again if it was removed, even if there is nothing to write."""
         try:
             self._reopen_if_gone()
         except OSError as error:

@@ -193,7 +193,7 @@ class RunTrace:
     def check(self) -> str:
         """Return why the record cannot be written at present; empty if it can. Listeners learn of a change.
 
-        Files that were removed begin anew.
+        Files that were removed are made again.
         """
         for file in self._files():
             file.restore()

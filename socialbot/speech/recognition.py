@@ -184,18 +184,18 @@ def _words(text: str) -> tuple[str, ...]:
 
 def repeats(text: str) -> bool:
     """Whether three words of a text occur twice in the same order, as the network writes when it loops."""
-    words = re.findall(r"\w+", text.lower())
+    words = _words(text)
     triples = list(zip(words, words[1:], words[2:], strict=False))
     return len(set(triples)) < len(triples)
 
 
 def loops(text: str) -> bool:
-    """Whether a text says the same so often that no person did, such as one letter a hundred times.
+    """Whether a text repeats itself so often that no person said it, such as one letter a hundred times.
 
-    The measure, how far the text can be compressed, and its limit are those of Whisper. A person may well say one word
-    again and again, such as "stop".
+    As in Whisper, it does if it can be compressed to less than 1 / 2.4 of its length. One repeated word, such as
+    "stop", is no loop.
     """
-    words = set(re.findall(r"\w+", text.lower()))
+    words = set(_words(text))
     if len(words) == 1 and len(min(words)) <= _LONGEST_WORD:
         return False
     data = text.encode()

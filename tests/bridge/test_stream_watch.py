@@ -317,6 +317,19 @@ class TestWatchedSubscription:
         subscription.replace()
         assert len(ros.present) == 2
 
+    def test_a_new_one_of_another_quality_of_service_is_kept_although_it_hears_less(self, subscription, ros, time):
+        """A best-effort subscription loses messages that a reliable one gets, but alone matches all publishers."""
+        subscription.replace(may_fail=False)
+        old, new = ros.present
+        for number in range(round(MAX_PAUSE_S / CHECK_S)):
+            assert ros.present == [old, new]
+            old.arrives(b"robot %d" % number)
+            if number % 2:
+                new.arrives(b"robot %d" % number)
+            time.passes(CHECK_S)
+            subscription.fault()
+        assert ros.present == [new]
+
     def test_an_old_one_that_hears_nothing_ends_once_the_new_one_hears(self, subscription, ros, time):
         subscription.replace()
         old, new = ros.present

@@ -1,4 +1,4 @@
-"""Answers from beliefs and from the ends of plans: what was believed when, and whether a plan succeeded."""
+"""Answers about beliefs and the ends of plans: what was believed at a time, and how a plan ended."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Held, near
+from socialbot.runs.asking._questions import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
 from socialbot.runs.asking._topics import arguments_of
@@ -13,7 +14,7 @@ from socialbot.runs.asking._words import stem, tokens
 
 
 def believed(scope: Scope) -> Told | None:
-    """Return what was believed at the time in question; of a question "when", since when it was believed."""
+    """Return what was believed at the time in question, or, if the question asks when, since when it was."""
     question = scope.question
     named = {*question.things, *([question.agent] if question.agent else [])}
     held = [
@@ -61,7 +62,7 @@ def ended(scope: Scope) -> Told | None:
     ]
     found = named or found
     if scope.question.at_s is not None:
-        found = near(found, scope.history.stamp(scope.question.at_s), 2.0)
+        found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
     chosen = [one for one in [scope.numbered(found)] if one is not None]
     clauses = [scope.speech.ended(each) for each in chosen]
     return (scope.joined(clauses), clauses) if clauses else None

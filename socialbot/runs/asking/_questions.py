@@ -35,22 +35,9 @@ from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, 
 from socialbot.runs.asking.languages.synonyms import synonyms
 
 Kind = Literal[
-    "why",
-    "why_not",
-    "see",
-    "next",
-    "doing",
-    "said",
-    "who",
-    "when",
-    "how_long",
-    "count",
-    "did",
-    "heard",
-    "failed",
-    "believed",
-    "ended",
-]
+    "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed",
+    "believed", "ended",
+]  # fmt: skip
 
 VERBS = (
     *INTERROGATIVES, "see", "say", "do", "happen", "next", "plan", "here", "not", "longest", "silent", "waits",
@@ -63,19 +50,8 @@ MOST_WORDS = 100
 _OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed")
 _OF_SAYING: Sequence[Kind] = ("why", "when", "who", "count", "did")
 _OF_STATES: Sequence[Kind] = (
-    "why",
-    "why_not",
-    "see",
-    "next",
-    "doing",
-    "said",
-    "who",
-    "when",
-    "how_long",
-    "count",
-    "heard",
-    "failed",
-)
+    "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "heard", "failed",
+)  # fmt: skip
 """Kinds of questions about a deed, about words that were said, and about anything else."""
 _ASKED: Mapping[str, Set[Kind]] = {
     "why": {"why"},

@@ -66,7 +66,7 @@ class Answer(msgspec.Struct, frozen=True):
         text: The answer.
         clauses: Its clauses with the ids of their records and their claims, in the order of the text.
         confidence: How sure it is that the question was understood, from 0 to 1.
-        assumes: Assumption of the answer, such as who asks; empty if there is none.
+        assumes: What the answer assumes, such as who asks; empty if it assumes nothing.
         examples: Questions that can be asked instead, if the answer is not known.
         options: Answers to the most likely readings, if ``text`` asks which one is meant; each has its reading as an
             indirect question.
