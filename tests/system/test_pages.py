@@ -294,9 +294,14 @@ def test_the_tutorial_on_two_machines(tmp_path: Path) -> None:
             if is_live(block):
                 running.enter_context(at[where].running(block.text))
             elif block.language == "sh":
-                if block.text.startswith("socialbot status"):
+                of_status = block.text.startswith("socialbot status")
+                if of_status:
                     assert eventually(lambda: all("Hello" in words(trace) for trace in traces), 60.0), logs(tmp_path)
-                code, printed = at[where].type(block.text)
+                # On a busy machine a report of a node may arrive too late, which `status` tells. It is asked again.
+                for _ in range(5 if of_status else 1):
+                    code, printed = at[where].type(block.text)
+                    if code or block.shows is None or same(printed, block.shows):
+                        break
                 assert code == 0, f"{block.text}\n{printed}"
                 assert block.shows is None or same(printed, block.shows), f"{block.text}\n{printed}"
     assert "Hello! Nice to see you." in words(traces[0])
