@@ -1,7 +1,9 @@
 """Recognition of speech: models, their checks, and texts."""
 
 import math
+import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from socialbot.speech.recognition import (
     RecognizedText,
     WhisperRecognizer,
     combined,
+    log_mel_spectrogram,
     loops,
     merged,
     repeats,
@@ -68,6 +71,45 @@ def test_a_steady_tone_like_a_vowel_has_no_text() -> None:
     noise = np.random.default_rng(0).normal(0, 60, times.size)
     sound = tone / np.abs(tone).max() * 12000 + noise
     assert WhisperRecognizer("base", ("en",)).recognize(sound.astype(np.int16)) is None
+
+
+CONFIDENCE = """
+import numpy as np
+from socialbot.speech.recognition import WhisperRecognizer
+sound = np.load({path!r})
+print(WhisperRecognizer("base", ["en"]).recognize(sound))
+"""
+
+
+def test_number_of_threads_does_not_change_the_confidence(tmp_path: Path) -> None:
+    pytest.importorskip("faster_whisper")
+    if not recognition_models.is_installed("base"):
+        pytest.skip("the model base is not installed")
+    path = str(tmp_path / "sound.npy")
+    np.save(path, spoken("Where is the library?"))
+    texts = {
+        subprocess.run(
+            [sys.executable, "-c", CONFIDENCE.format(path=path)],
+            env={**os.environ, "OPENBLAS_NUM_THREADS": threads},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for threads in ("1", "2")
+    }
+    assert len(texts) == 1
+    assert "library" in texts.pop()
+
+
+def test_spectrogram_is_that_of_faster_whisper() -> None:
+    extractor = pytest.importorskip("faster_whisper.feature_extractor").FeatureExtractor()
+    sound = np.zeros(4 * RATE_HZ, np.float32)
+    words = spoken("Where is the library?")
+    sound[: words.size] = words.astype(np.float32) / 32768
+    ours = log_mel_spectrogram(sound, extractor.mel_filters)
+    theirs = extractor(sound)[:, : ours.shape[1]]
+    assert ours.shape == (80, 400)
+    assert np.abs(ours - theirs).max() < 1e-5
 
 
 @pytest.fixture
