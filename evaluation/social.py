@@ -23,11 +23,12 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message, RosMessage, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.robots.simulation.demo import PLACE, simulation
+from socialbot.robots.simulation.demo import PLACE, simulation, size_of
 from socialbot.robots.simulation.node import SimulatedPlace
 
 SCHEDULES, QUICK_SCHEDULES = 200, 16
 DURATION_S, PEOPLE = 75.0, 9
+SIZE = "640x480"
 WORSE_SHARE, WORSE_LEAST = 0.05, 0.5
 """A criterion is worse than another by this share of it, and by this much at least (% or s)."""
 TREE, WALDO = "behaviour tree", "Waldo"
@@ -38,6 +39,7 @@ FirstOption = Annotated[int, typer.Option(help="Seed of the first schedule.")]
 PerceptionOption = Annotated[
     Perception, typer.Option(help="truth: detections from the ground truth; camera: drawn pictures, 20 times slower.")
 ]
+SizeOption = Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures, px.")]
 
 
 class Outcome(NamedTuple):
@@ -50,14 +52,24 @@ class Outcome(NamedTuple):
     failures: int
 
 
-def graph_of(policies: Sequence[str], seed: int, perception: Perception) -> tuple[Graph, dict[str, str]]:
+def graph_of(
+    policies: Sequence[str], seed: int, perception: Perception, size: str = SIZE
+) -> tuple[Graph, dict[str, str]]:
     """Return the graph of policies that meet the people of one schedule in one run, and the topics of their speech.
 
     The first policy sends commands to the head. The others only speak.
     """
-    # Drawn pictures are found at 640 x 480; the truth needs only half of the rate.
-    rate_hz = 5.0 if perception == "truth" else 10.0
-    graph = simulation("foyer", perception=perception, seed=seed, people=PEOPLE, duration_s=DURATION_S, rate_hz=rate_hz)
+    width, height = size_of(size)
+    graph = simulation(
+        "foyer",
+        perception=perception,
+        seed=seed,
+        people=PEOPLE,
+        duration_s=DURATION_S,
+        rate_hz=5.0 if perception == "truth" else 10.0,  # The truth needs only half of the rate.
+        width=width,
+        height=height,
+    )
     nodes = [config for config in graph.nodes if config.name != "speech"]
     if WALDO not in policies:
         nodes = [config for config in nodes if config.name not in ("bdi_engine", "listener", "head")]
@@ -73,10 +85,10 @@ def graph_of(policies: Sequence[str], seed: int, perception: Perception) -> tupl
     return replace(graph, nodes=tuple(nodes)), says
 
 
-def play(policies: Sequence[str], seed: int, perception: Perception = "truth") -> list[Outcome]:
+def play(policies: Sequence[str], seed: int, perception: Perception = "truth", size: str = SIZE) -> list[Outcome]:
     """Let policies meet the people of a schedule in one run, and score each of them."""
     begun = time.process_time()
-    graph, says = graph_of(policies, seed, perception)
+    graph, says = graph_of(policies, seed, perception, size)
     runner = InlineRunner(graph, start=SECOND)
     said: dict[str, list[Said]] = {policy: [] for policy in policies}
     head: list[tuple[float, float, float]] = []
@@ -106,9 +118,9 @@ def play(policies: Sequence[str], seed: int, perception: Perception = "truth") -
     ]
 
 
-def play_all(seeds: Sequence[int], perception: Perception, jobs: int | None) -> list[Outcome]:
+def play_all(seeds: Sequence[int], perception: Perception, jobs: int | None, size: str = SIZE) -> list[Outcome]:
     """Play all policies."""
-    work = [(party, seed, perception) for seed in seeds for party in parties()]
+    work = [(party, seed, perception, size) for seed in seeds for party in parties()]
     return [outcome for outcomes in run_all(play, work, jobs, "schedules") for outcome in outcomes]
 
 
@@ -152,10 +164,11 @@ def main(
     count: CountOption = None,
     first: FirstOption = 0,
     perception: PerceptionOption = "truth",
+    size: SizeOption = SIZE,
 ) -> None:
     """Social competence of Waldo and three baselines, scored from the ground truth of a simulated foyer."""
     seeds = range(first, first + (count or (QUICK_SCHEDULES if quick else SCHEDULES)))
-    outcomes = play_all(seeds, perception, jobs)
+    outcomes = play_all(seeds, perception, jobs, size)
     report = Report("Social competence", quick)
     add_figures(report, outcomes)
     report.finish(json)

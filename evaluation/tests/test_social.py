@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from evaluation.social import TREE, WALDO, play
+from evaluation.social import TREE, WALDO, graph_of, main, play
 from evaluation.social_policies import GreetOnSight, parties
 from evaluation.social_rules import IN_TIME_S, MOST_JERK, Said, Score, score, visits_of
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import CompressedImage, Message
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from socialbot.robots.simulation.node import IMAGE_TOPIC
 from socialbot.robots.simulation.people import Crowd, read_script
 from socialbot.robots.simulation.place import load_place
 
@@ -111,6 +116,30 @@ def test_policies_that_share_a_run_score_as_alone():
     for one in shared:
         (alone,) = play((one.policy,), 1003)
         assert alone.score == one.score
+
+
+def test_policies_meet_people_in_pictures_of_the_given_size():
+    pytest.importorskip("mujoco")
+    graph, _ = graph_of([WALDO], 1003, "camera", "160x120")
+    runner = InlineRunner(graph, start=SECOND)
+    shapes: list[tuple[int, ...]] = []
+
+    def look(_: str, message: Message) -> None:
+        assert isinstance(message, CompressedImage)
+        picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        shapes.append(picture.shape)
+
+    runner.tap(IMAGE_TOPIC, look)
+    runner.start()
+    runner.advance(SECOND + SECOND // 4)
+    runner.close()
+    assert shapes == [(120, 160, 3)] * 3
+
+
+def test_a_wrong_size_is_an_error():
+    with pytest.raises(ParameterError, match="--size: '640' is no size"):
+        main(quick=True, size="640")
 
 
 def test_a_policy_that_turns_the_head_says_so():

@@ -54,12 +54,10 @@ def sim(
     The same options and seed give the same bag.
     """
     from socialbot.cli.run import simulate
-    from socialbot.core.errors import BagError, ParameterError
-    from socialbot.robots.simulation.demo import simulation
+    from socialbot.core.errors import BagError
+    from socialbot.robots.simulation.demo import simulation, size_of
 
-    width, cross, height = size.partition("x")
-    if not (cross and all(side.isdecimal() and len(side) < 6 for side in (width, height))):
-        raise ParameterError(f"{size!r} is no size", where="--size", remedy="give width and height: --size 320x240")
+    width, height = size_of(size)
     if record is not None and record.exists():
         raise BagError("exists already", where=str(record), remedy="give another path to --record, or remove it")
     graph = simulation(
@@ -70,8 +68,8 @@ def sim(
         people=visitors,
         seed=seed,
         duration_s=duration,
-        width=int(width),
-        height=int(height),
+        width=width,
+        height=height,
         rate_hz=fps,
     )
     simulate(

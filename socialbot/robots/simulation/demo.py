@@ -11,6 +11,7 @@ import typer
 
 from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.core import paths
+from socialbot.core.errors import ParameterError
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.node import SimulatedPlace
@@ -59,6 +60,18 @@ def simulation(
         )
     changes: Mapping[str, Mapping[str, object]] = {PLACE: given}
     return replace(graph, name=place, nodes=nodes).with_parameters(changes)
+
+
+def size_of(text: str, *, where: str = "--size") -> tuple[int, int]:
+    """Read the width and height of pictures, such as ``640x480``.
+
+    Raises:
+        ParameterError: It is no size.
+    """
+    width, cross, height = text.partition("x")
+    if not (cross and all(side.isdecimal() and len(side) < 6 for side in (width, height))):
+        raise ParameterError(f"{text!r} is no size", where=where, remedy=f"give width and height: {where} 320x240")
+    return int(width), int(height)
 
 
 def demo(
