@@ -66,6 +66,7 @@ _LEARN_S = 2.0  # Places without detections for so long are background.
 _FAMILIAR = 0.8  # A box shows background from this correlation,
 _SAME = 0.9  # from this one if something moves in it,
 _STILL_VAGUE = 0.45  # and from this one if it was an object before, of which a person may hide a half.
+# Below this one, only boxes that have been still for long show objects.
 
 _TURNED = 0.5  # The camera turns when the rest of the image correlates less.
 _LEAST_FREE = 0.3  # A box is compared where it is free of other people, if that is this share of it.
@@ -308,7 +309,8 @@ class StaticObjectFilter:
             if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
                 return False
             least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S * (1 + likely) if clear else _STILL_S
-            is_object = history.still_s >= least_s or (was_object and not is_moving)
+            looks_new = familiar is not None and familiar < _STILL_VAGUE
+            is_object = history.still_s >= least_s or (was_object and not is_moving and not looks_new)
         if is_object and not was_object:
             self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))
         return is_object

@@ -41,7 +41,7 @@ _ABSENCE_COSTS = 0.15  # A track unseen for a second must fit better by this IoU
 _SAME = 0.5  # A prediction that overlaps a detected box this much is hidden by it or a duplicate,
 _WITHIN = 0.8  # and so is a new box with the head of another one that contains this share of it.
 _DOUBLE = 0.25  # A new track that overlaps another one by this IoU may be a second box of the same person,
-_DOUBLE_HITS = 5  # until it has so many sure detections.
+_DOUBLE_HITS = 5  # until it has so many sure detections, or a score of `_AT_ONCE`.
 _RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box, which is published for as long,
 _EXPECTED = 0.7  # if it overlaps the prediction by this IoU.
 _HEADS_ALIKE = 0.1  # Box tops closer than this share of the height belong to one head.
@@ -91,7 +91,7 @@ class Tracker:
     exceeds ``sure`` by three quarters of the distance from ``weak``, unless it lies within another person.
 
     Only second boxes around a person are left out: a new track that overlaps another person is published when its
-    colours differ from theirs, or later.
+    colours differ from theirs or its score is high, or later.
 
     A weak box is published where a person was expected whose track has once reached the score ``clear``.
 
@@ -311,7 +311,7 @@ class Tracker:
 
     def _is_double(self, person: TrackedPerson) -> bool:
         """Whether a track without an id may be a second box around a person."""
-        if person.id or person.sure_hits >= _DOUBLE_HITS:
+        if person.id or person.sure_hits >= _DOUBLE_HITS or person.score >= self._above(_AT_ONCE):
             return False
         others = [each for each in self._persons if each.id and not each.misses]
         shared = iou(person.box, np.array([each.box for each in others]).reshape(-1, 4)) > _DOUBLE

@@ -342,6 +342,17 @@ def test_moving_part_before_known_background_is_kept():
     assert seen[20:] == [{"waving"}] * 16
 
 
+def test_person_who_appears_in_a_box_of_background_is_kept():
+    """Nobody can say whether the box moves, since a person stood before it a second ago."""
+    camera = Camera()
+    camera.repeat(30)
+    camera.repeat(12, walker=(PERSON, STAND))
+    x, y, w, h = (round(each) for each in STAND)
+    wall = ROOM[y : y + h, x : x + w]
+    assert camera.look(new=(wall, STAND), walker=(PERSON, at(450))) == {"walker"}
+    assert camera.look(new=(patterned(7, 80, 240), STAND), walker=(PERSON, at(460))) == {"new", "walker"}
+
+
 def test_when_everything_changes_at_once_things_stay_things():
     camera = Camera()
     camera.repeat(30, coat=(COAT, STAND))

@@ -382,6 +382,13 @@ def test_person_close_to_another_is_a_track_after_several_detections():
     assert (shown[2], shown[-1]) == (1, 2)
 
 
+def test_person_close_to_another_is_a_track_from_a_high_score():
+    scene, close = Scene(), (330.0, 104.0, 78.0, 190.0)
+    scene.repeat(5, STANDING)
+    assert ids(scene.show(STANDING, (*close, 0.55))) == ["t1"]
+    assert sorted(ids(scene.show(STANDING, (*close, 0.8)))) == ["t1", "t2"]
+
+
 def test_near_person_in_front_does_not_take_over_a_track():
     scene, far, near = Scene(), (300.0, 140.0, 80.0, 230.0), (290.0, 10.0, 120.0, 470.0)
     scene.repeat(10, far)
