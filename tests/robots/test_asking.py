@@ -26,10 +26,12 @@ class failed(SingletonBelief): ...
 class Host(AskingAgent):
     """Asks for a drink."""
 
+    within_s = 20.0
+
     def build(self) -> Engine:
         engine = Engine("host", self.clock, robot=self, sink=self.record, wake=self.wake)
         engine.add_rules(
-            serve() >> [ask("What would you like to drink?", '{"drink": "string"}', "p1").within(20)],
+            serve() >> [ask("What would you like to drink?", '{"drink": "string"}', "p1").within(self.within_s)],
             -serve()[error(Why)] >> [+failed(Why)],
         )
         return engine

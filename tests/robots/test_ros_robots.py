@@ -199,7 +199,7 @@ class TestSpeech:
         with robot() as tiago, hosted(kind) as speaker:
             states = self.said(speaker, "Hello!")
             assert eventually(lambda: states == ["started", "finished"])
-            assert tiago.has(**{field: "Hello!"})
+            assert eventually(lambda: tiago.has(**{field: "Hello!"}))
 
     @pytest.mark.parametrize("kind", [TtsSpeaker, SaySkillSpeaker])
     @pytest.mark.parametrize("mode", ["reject", "abort", "error"])
@@ -230,14 +230,14 @@ class TestSpeech:
             with robot() as tiago:
                 states = self.said(speaker, "Two.")
                 assert eventually(lambda: states[-1:] == ["finished"])
-                assert tiago.has(tts="Two.")
+                assert eventually(lambda: tiago.has(tts="Two."))
 
     def test_a_topic_gets_the_text(self):
         with robot() as nao, hosted(TopicSpeaker, rate_wpm=450) as speaker:
             assert eventually(lambda: speaker._senders["text"].publisher.get_subscription_count() > 0)
             states = self.said(speaker, "Hello!")
             assert eventually(lambda: states == ["started", "finished"])
-            assert nao.has(speech="Hello!")
+            assert eventually(lambda: nao.has(speech="Hello!"))
 
 
 class TestTheBase:
@@ -293,6 +293,7 @@ def test_an_answer_of_the_ask_skill_becomes_a_belief():
         """Asks when it is told to."""
 
         keeps_mind = False
+        within_s = 100.0  # The middleware takes longer on a busy machine.
 
         def begin(self) -> None:
             self.engine.achieve(serve())
@@ -301,7 +302,7 @@ def test_an_answer_of_the_ask_skill_becomes_a_belief():
         call(host, "begin")
         expected = 'answered("drink", "tea")'
         assert eventually(lambda: any(str(held.belief) == expected for held in list(host.node.engine.beliefs)))
-        assert tiago.has(ask="What would you like to drink?", schema='{"drink": "string"}')
+        assert eventually(lambda: tiago.has(ask="What would you like to drink?", schema='{"drink": "string"}'))
 
 
 @pytest.mark.parametrize(
@@ -321,7 +322,7 @@ def test_a_motion_of_joints_is_a_goal_of_the_engine(mode, belief):
     with robot(mode) as tiago, hosted(TellableWaver, limits=limits) as waver:
         call(waver, "begin")
         assert eventually(lambda: any(str(held.belief) == belief for held in list(waver.node.engine.beliefs)))
-        assert tiago.has(way="action", positions=[1.0, 0.1])
+        assert eventually(lambda: tiago.has(way="action", positions=[1.0, 0.1]))
 
 
 class TestPeople:
