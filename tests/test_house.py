@@ -100,6 +100,93 @@ def test_such_code_would_be_found(tmp_path, code):
     assert len(list(dangers(path))) == 1
 
 
+READS = re.compile(r"\b(read_text|read_bytes|open|load|fromfile|loadtxt|genfromtxt|imread|VideoCapture)\(")
+LIBRARIES = frozenset({
+    "json.load", "tomllib.load", "np.load", "np.fromfile", "np.loadtxt", "np.genfromtxt", "cv2.imread",
+    "cv2.VideoCapture", "onnx.load",
+})  # fmt: skip
+OPENING = frozenset({"open", "io.open", "av.open", "wave.open", "Image.open"})
+WITHIN_LIMITS = {
+    "core/reading.py open": "holds the limits",
+    "core/installation.py distribution(PACKAGE).read_text": "the installed package",
+    "runs/pages.py (PAGE / replaced.get(name, name)).read_text": "a file of the page",
+    "runs/pages.py (PAGE / name).read_text": "a file of the page",
+    "runs/pages.py (PAGE / 'vendor/uPlot.iife.min.js').read_text": "a file of the page",
+    "cli/new.py template.read_text": "a template of a project",
+    "agents/waldo/talking.py file.read_text": "the script of an agent",
+    "runtime/fork_server.py open": "a pipe to an own process",
+    "runtime/_processes.py (task / 'stat').read_bytes": "written by the kernel",
+    "runtime/_processes.py (task / 'schedstat').read_bytes": "written by the kernel",
+    "planning/planners/_child_process.py (process / 'stat').read_text": "written by the kernel",
+    "bridge/_node_thread.py open": "written by the kernel",
+    "bridge/ros_checks.py path.read_text": "written by the kernel",
+    "bridge/run_announcer.py BOOT_ID.read_text": "written by the kernel",
+    "bridge/run_announcer.py SOCKETS.read_text": "written by the kernel",
+    "bags/image_files.py cv2.VideoCapture": "checked before",
+    "vision/camera_node.py cv2.VideoCapture": "checked before, or a camera",
+    "bags/sound.py av.open": "checked before",
+    "bags/_files.py storage_mcap.read_bytes": "of rosbags, from an opened file",
+    "speech/audio.py wave.open": "checked before, and read in parts",
+}
+"""Reads of files that do not need `socialbot.core.reading`, with the reason."""
+
+
+def reads(path: Path) -> Iterator[str]:
+    """Return the calls in ``path`` that read a file which may have no end, except those of the package and /proc."""
+    text = path.read_text("utf-8")
+    for node in ast.walk(ast.parse(text)) if READS.search(text) else ():
+        if not isinstance(node, ast.Call):
+            continue
+        name = ast.unparse(node.func)
+        owner, _, method = name.rpartition(".")
+        if method in ("read_text", "read_bytes"):
+            found = owner not in ("", "paths", "reading")
+        elif name in OPENING or method == "open":
+            options = {option.arg: option.value for option in node.keywords}
+            mode = options.get("mode", next(iter(node.args[name in OPENING :]), None))
+            kind = mode.value if isinstance(mode, ast.Constant) else "" if mode else None
+            plain = name in OPENING or "encoding" in options
+            found = plain if kind is None else "r" in str(kind)
+        else:
+            found = name in LIBRARIES
+        if found and not any(own in ast.unparse(node) for own in ("files(", "__file__", "/proc/")):
+            yield f"{path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name} {name}"
+
+
+def test_files_are_read_within_limits():
+    found = {read for path in modules() for read in reads(path)}
+    assert found - WITHIN_LIMITS.keys() == set(), "read them with socialbot.core.reading"
+    assert WITHIN_LIMITS.keys() - found == set(), "these exceptions are not needed"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "Path(name).read_text('utf-8')",
+        "path.read_bytes()[:9]",
+        "open(name)",
+        "open(name, 'rb')",
+        "open(name, mode='r')",
+        "path.open('rb')",
+        "path.open(encoding='utf-8')",
+        "json.load(file)",
+        "np.load(path)",
+        "cv2.VideoCapture(path)",
+    ],
+)
+def test_other_reads_would_be_found(tmp_path, code):
+    path = tmp_path / "bad.py"
+    path.write_text(code)
+    assert len(list(reads(path))) == 1
+
+
+@pytest.mark.parametrize("code", ["read_text(path)", "paths.read_text(path)", "open(name, 'wb')", "host.open()"])
+def test_writes_and_bounded_reads_are_allowed(tmp_path, code):
+    path = tmp_path / "good.py"
+    path.write_text(code)
+    assert not list(reads(path))
+
+
 ROOMS = (
     ("core",),
     ("graph", "bdi", "planning"),
@@ -137,8 +224,9 @@ def test_only_the_bridge_knows_ros():
         assert not {top for top in tops if top in ROS or top.endswith(("_msgs", "_srvs"))}, path
 
 
-def test_the_engine_needs_of_socialbot_only_clock_errors_and_terminal():
+def test_the_engine_needs_only_a_few_parts_of_the_core():
     allowed = ("socialbot.bdi", "socialbot.core.clock", "socialbot.core.errors", "socialbot.core.terminal")
+    allowed += ("socialbot.core.limits", "socialbot.core.reading")
     for path in modules("bdi"):
         for name in imports(path):
             top = name.partition(".")[0]
@@ -174,6 +262,7 @@ def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
         "socialbot.core.errors",
         "socialbot.core.lazy",
         "socialbot.core.limits",
+        "socialbot.core.reading",
     }
     for name in loaded:
         assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names

@@ -25,9 +25,10 @@ from rosbags.rosbag2 import storage_mcap
 
 from socialbot.bags.repair import salvage, with_profile_of_ros2
 from socialbot.bags.writer import qos_of
+from socialbot.core import reading
 from socialbot.core.errors import BagError
 from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_FILE_BYTES, BAG_RATIO, TEXT_BYTES
-from socialbot.core.paths import decoded, read_bytes
+from socialbot.core.paths import decoded
 from socialbot.core.yaml import check_depth
 
 _zstd: Any = vars(storage_mcap)["zstd"]
@@ -162,6 +163,8 @@ _LFS_POINTER = b"version https://git-lfs.github.com/"
 def open_folder(path: Path, damage: list[str]) -> list[Reader]:
     """Open the files of a rosbag2 folder, and add missing parts to ``damage``. Raises BagError."""
     metadata = path / "metadata.yaml"
+    for file in path.iterdir():
+        _expect_end(file)
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
     if not metadata.exists() and not files:
         what = "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file"
@@ -187,6 +190,7 @@ def open_file(path: Path, damage: list[str]) -> Reader:
     if path.suffix not in _REPAIRS:
         remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
         raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)
+    _expect_end(path)
     is_mcap = path.suffix == ".mcap"
     mended = with_profile_of_ros2(path) if is_mcap else None
     try:
@@ -201,11 +205,16 @@ def open_file(path: Path, damage: list[str]) -> Reader:
     return _open(salvaged, damage)
 
 
+def _expect_end(path: Path) -> None:
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise BagError("is a device or a pipe, not a file", where=str(path), remedy="copy the bag to files")
+
+
 def _open(path: Any, damage: list[str]) -> Reader:
     try:
         is_folder = isinstance(path, Path) and path.is_dir()
         if is_folder:
-            check_depth(decoded(read_bytes(path / "metadata.yaml", TEXT_BYTES)))
+            check_depth(decoded(reading.read_bytes(path / "metadata.yaml", TEXT_BYTES)))
         reader = Ros2Reader(path) if is_folder or path.suffix != ".bag" else Ros1Reader(path)
         reader.open()
         # Rosbags does not check the types.
@@ -254,7 +263,7 @@ def broken(path: Any, error: Exception) -> BagError:
 
 
 def _is_lfs_pointer(path: Path) -> bool:
-    with path.open("rb") as file:
+    with reading.open_file(path) as file:
         return file.read(len(_LFS_POINTER)) == _LFS_POINTER
 
 

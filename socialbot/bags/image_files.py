@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from socialbot.core import paths
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
+from socialbot.core.reading import open_file, read_bytes
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Suffixes of images in a folder."""
@@ -27,7 +27,7 @@ def read_image(path: Path) -> np.ndarray:
     Raises ImageError if it cannot be read or decoded, or has more than `IMAGE_PIXELS`.
     """
     try:
-        data = paths.read_bytes(path)
+        data = read_bytes(path)
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
     return decode_image(data, where=str(path))
@@ -68,6 +68,10 @@ def has_too_many_scans(data: bytes) -> bool:
 
 def open_video(path: str | Path) -> cv2.VideoCapture:
     """Open a video file. Raises ImageError if it is none, or its frames have more than `IMAGE_PIXELS`."""
+    try:
+        open_file(path).close()  # a pipe would be waited for
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
     capture = cv2.VideoCapture(str(path))
     width, height = (capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if capture.isOpened() and width * height <= IMAGE_PIXELS:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.reading import open_file
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -46,7 +47,7 @@ class Mended:
 
     def open(self, mode: str = "rb") -> BinaryIO:
         """Open the three parts as one file, for reading."""
-        return io.BufferedReader(_Joined(self.path.open("rb"), self.whole, self.head, self.tail), 1 << 16)
+        return io.BufferedReader(_Joined(open_file(self.path), self.whole, self.head, self.tail), 1 << 16)
 
 
 class _Joined(io.RawIOBase):
@@ -91,7 +92,7 @@ def with_profile_of_ros2(path: Path) -> Mended | None:
     Recorders of other systems leave the profile empty, and converters of ROS 1 bags write "ros1". None if the header
     has this profile, is damaged or has no room for it.
     """
-    with contextlib.suppress(OSError), path.open("rb") as file:
+    with contextlib.suppress(OSError), open_file(path) as file:
         start = file.read(len(MAGIC) + 13)
         if len(start) < len(MAGIC) + 13 or start[: len(MAGIC)] != MAGIC or start[len(MAGIC)] != _HEADER:
             return None
@@ -109,7 +110,7 @@ def with_profile_of_ros2(path: Path) -> Mended | None:
 def salvage(path: Path) -> Mended | None:
     """Find the intact part of the .mcap file at ``path``; None if it has no message."""
     size = path.stat().st_size
-    with path.open("rb") as file:
+    with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
             return None
         whole, chunks = _scan(file, size)

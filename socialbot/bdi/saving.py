@@ -37,6 +37,7 @@ from socialbot.bdi.terms import Atom, Name, show
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import Var, resolve
 from socialbot.core.errors import SocialbotError
+from socialbot.core.reading import read_bytes
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
@@ -272,10 +273,11 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
     """Read a file of `write`. Raises MindError for other or damaged files."""
     try:
         with _collector_paused():
-            data = json.loads(Path(path).read_text("utf-8"))
+            data = json.loads(read_bytes(path))
         _check(data)
     except OSError as problem:
-        raise MindError(f"cannot read: {problem.strerror or problem}", where=str(path)) from problem
+        what = f"cannot be read: {problem.strerror or problem}"
+        raise MindError(what, where=str(path), remedy="give a saved mind") from problem
     except MindError as problem:
         raise MindError(problem.what, where=str(path), remedy=problem.remedy) from problem
     except (ValueError, RecursionError) as problem:

@@ -14,6 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError, place_of
+from socialbot.core.reading import read_bytes
 
 if TYPE_CHECKING:
     from logging import Logger
@@ -197,12 +198,15 @@ def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
     import json
 
     trace = Trace(limit)
-    with open(file, encoding="utf-8", errors="surrogateescape") as opened:
-        lines = opened.read().split("\n")
+    try:
+        lines = read_bytes(file).split(b"\n")
+    except OSError as problem:
+        what = f"cannot be read: {problem.strerror}"
+        raise RuleError(what, where=str(file), remedy="give a trace file") from problem
     for number, line in enumerate(lines, 1):
         try:
             if line:
-                trace(Record(**json.loads(line.encode("utf-8"))))
+                trace(Record(**json.loads(line)))
         except (ValueError, TypeError, RecursionError) as problem:
             if number < len(lines):
                 raise RuleError(

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from socialbot.core.clock import SECOND
+from socialbot.core.reading import read_bytes
 
 log = logging.getLogger("socialbot.security")
 
@@ -38,7 +39,7 @@ class AcceptedTimes:
     _failed: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        self._before = {file.name: _value(file.read_bytes()) for file in self._kept()}
+        self._before = {file.name: _value(read_bytes(file)) for file in self._kept()}
 
     def before(self, sender: str) -> int:
         """The time up to which earlier processes may have accepted messages of ``sender``; 0 if none did."""

@@ -23,8 +23,9 @@ from weakref import WeakKeyDictionary
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
-from socialbot.core.paths import replace_file
+from socialbot.core.paths import read_text, replace_file
 from socialbot.core.process import skip_cleanup
+from socialbot.core.reading import open_file
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -158,7 +159,7 @@ def use_topics(
     if profile is None or not topics:
         return
     entries = "".join(template.format(topic=topic) for topic in sorted(set(topics)))
-    text = Path(profile).read_text("utf-8").replace("</profiles>", f"{entries}</profiles>").encode()
+    text = read_text(Path(profile), ParameterError).replace("</profiles>", f"{entries}</profiles>").encode()
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         replace_file(file, text)
@@ -457,7 +458,7 @@ def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
 def is_free(path: Path) -> bool:
     """Whether no process holds the lock file ``path``. The test holds it for a moment."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False

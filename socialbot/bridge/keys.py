@@ -27,6 +27,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from socialbot.core.errors import SocialbotError
+from socialbot.core.reading import open_file
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
 PRIVATE, PUBLIC = ".key", ".pub"
@@ -207,7 +208,7 @@ def _check_name(name: str) -> None:
 
 def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return load(file.read(MAX_KEY_BYTES))
     except OSError as error:
         raise _unreadable(path, error) from error

@@ -13,6 +13,7 @@ from typing import Any
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak, parse_condition, parse_event, parse_literal, parse_term
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
+from socialbot.bdi.agentspeak.programs import read_text
 from socialbot.bdi.intentions import subgoal
 from socialbot.bdi.literals import SELF, Change, Literal, is_source, literal
 from socialbot.bdi.saving import read, restore, write
@@ -350,7 +351,7 @@ class Shell:
             self._stepping = False
 
     def do_load(self, rest: str) -> None:
-        self.engine.add_text(Path(rest).read_text("utf-8"), rest)
+        self.engine.add_text(read_text(Path(rest)), rest)
         self._think()
 
     def do_save(self, rest: str) -> None:

@@ -15,9 +15,9 @@ from rich.text import Text
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import RobotOption
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.installation import pip_command
-from socialbot.core.paths import writing
+from socialbot.core.paths import read_text, writing
 
 PANEL = "Start here"
 EXAMPLES = (
@@ -160,7 +160,7 @@ def _robot_files(name: str, robot: str) -> dict[str, str]:
 
 def _profiles_like(file: Path, registered: frozenset[str]) -> dict[str, str]:
     """The text of a profile, and of the files that it changes by ``like``, by their paths in the project."""
-    text = file.read_text("utf-8")
+    text = read_text(file, GraphError)
     found = LIKE.search(text)
     if found is None or (like := found[1].strip("\"'")) in registered:
         return {f"{PROFILES}/{file.name}": text}

@@ -108,11 +108,10 @@ def sweep(
     pair = _pair(found, numbers)
     compared = None if pair is None else _compared(plan, found, *pair)
     page = sweep_page(found, chosen, compared).write(expect_inside(folder, folder / "index.html"))
-    expect_inside(folder, folder / "sweep.json").write_bytes(
-        msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n"
-    )
+    text = msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n"
+    expect_inside(folder, folder / "sweep.json").write_bytes(text)
     if as_json:
-        print_line(escaped_json((folder / "sweep.json").read_text("utf-8")), nl=False)
+        print_line(escaped_json(text.decode()), nl=False)
         return
     _print(console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH), found, chosen, compared)
     reused = f", {runner.reused} of them from before" if runner.reused else ""

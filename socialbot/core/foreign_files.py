@@ -62,6 +62,11 @@ def foreign_page(page: Any) -> ForeignFile | None:
         )
     if {"image", "resolution", "occupied_thresh"} <= page.keys():
         return ForeignFile("a map of Nav2", "give it to map_server")
+    if {"Panels", "Visualization Manager"} <= page.keys():
+        return ForeignFile(
+            "a configuration of RViz",
+            "open it with rviz2 -d; socialbot translate publishes what RViz can show: docs/rviz.md",
+        )
     if {"image_width", "camera_matrix"} <= page.keys():
         return ForeignFile(
             "a camera calibration", "give it to the driver of the camera, whose CameraInfo socialbot subscribes to"

@@ -26,6 +26,9 @@ BULK_BYTES = 1 << 28
 DATA_BYTES = 1 << 30
 """Largest file of data that is read at once: labels, saved states, records, images, sounds."""
 
+MODEL_BYTES = 1 << 32
+"""Largest file of a network: the largest of Whisper has 3.1 GB."""
+
 IMAGE_PIXELS = 1 << 25
 """Most pixels of an image or a frame of a video (8K): a small file may claim gigabytes of pixels."""
 

@@ -5,7 +5,6 @@ The allowed folders are the working directory and the folders in ``SOCIALBOT_FOL
 
 from __future__ import annotations
 
-import errno
 import io
 import os
 import secrets
@@ -15,18 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from socialbot.core.errors import ParameterError, RunError, SocialbotError
-from socialbot.core.limits import DATA_BYTES, TEXT_BYTES
+from socialbot.core.limits import TEXT_BYTES
+from socialbot.core.reading import read_bytes
 
 FOLDERS_VARIABLE = "SOCIALBOT_FOLDERS"
-
-
-def read_bytes(file: Path, most: int = DATA_BYTES) -> bytes:
-    """Return the content of a file. Raises OSError if it cannot be read or has more than ``most`` bytes."""
-    with file.open("rb") as opened:
-        data = opened.read(most + 1)
-    if len(data) > most:
-        raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB", str(file))
-    return data
 
 
 def decoded(data: bytes) -> str:

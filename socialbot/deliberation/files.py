@@ -38,7 +38,8 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
-from socialbot.core.paths import read_bytes, read_text, replace_file
+from socialbot.core.paths import read_text, replace_file
+from socialbot.core.reading import read_bytes
 from socialbot.core.yaml import line_of, load_yaml, plain
 from socialbot.deliberation._fact_index import FactIndex, near
 from socialbot.deliberation._matching import unfit_condition

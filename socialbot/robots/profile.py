@@ -186,7 +186,7 @@ def load_profile(name: str, *, folder: Path = Path(), changed_by: tuple[str, ...
 def _text_of(name: str, folder: Path = Path()) -> tuple[str, str]:
     known = registry.robot_files()
     path = folder / known.get(name, name)
-    if name not in known and path.suffix not in (".yaml", ".yml"):
+    if name not in known and path.suffix not in (".yaml", ".yml", ".rviz"):
         if path.is_file():
             expect_own(foreign_text(paths.read_text(path, GraphError)), str(path))
             remedy = "write the robot's topics and joints into a YAML file, such as my_robot.yaml"

@@ -19,6 +19,7 @@ from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
+from socialbot.core.reading import read_bytes
 from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runs.run import ImageSource, Picture
 from socialbot.vision.annotate import NEAR_NS, PeopleFinder, blurred, draw
@@ -232,7 +233,7 @@ def write_video(
 class _Captions:
     def __init__(self, record: RunRecord, start: int) -> None:
         self._start = start
-        lines = (record.folder / TRACE).read_bytes().splitlines()
+        lines = read_bytes(record.folder / TRACE).splitlines()
         records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
         self._beliefs = [each for each in records if each.kind == "belief" and each.what.startswith("personD")]
         self._utterances = record.utterances

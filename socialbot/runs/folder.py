@@ -13,6 +13,7 @@ from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
+from socialbot.core.reading import read_bytes
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
@@ -70,7 +71,7 @@ class RecordedRun(RunView):
             return None
         if not paths.leads_inside(self.folder, path):
             return None
-        return paths.read_bytes(path)
+        return read_bytes(path)
 
     # Reading
 
@@ -80,7 +81,7 @@ class RecordedRun(RunView):
             self.damage.append("results.json is missing: the run has not ended, or was broken off")
             return {}
         try:
-            data = paths.read_bytes(path)
+            data = read_bytes(path)
             msgspec.json.decode(data, type=_Results)
             return msgspec.json.decode(data, type=dict[str, Any])
         except (OSError, *NO_JSON) as error:
@@ -141,7 +142,7 @@ class RecordedRun(RunView):
         skipped = 0
         for part in parts(path):
             try:
-                lines = paths.read_bytes(part).split(b"\n")
+                lines = read_bytes(part).split(b"\n")
             except OSError as error:
                 raise RunError(f"cannot be read: {error.strerror}", where=str(part)) from error
             for number, line in enumerate(lines, 1):

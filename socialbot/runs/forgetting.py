@@ -15,6 +15,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import NO_JSON, TraceRecord
 from socialbot.core.paths import expect_inside, leads_inside, replace_file, writing
+from socialbot.core.reading import read_bytes
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
@@ -92,7 +93,7 @@ class _Forgetting:
             kept = (self._without(record, alone) for record in self._records(path))
             _replace(path, [msgspec.json.encode(record) for record in kept if record is not None])
         for path in parts(self._folder / SEEN) if (self._folder / SEEN).exists() else ():
-            _replace(path, [line for line in path.read_bytes().split(b"\n") if line and not self._names(line)])
+            _replace(path, [line for line in read_bytes(path).split(b"\n") if line and not self._names(line)])
         self._rewrite_results()
         self._remove_files()
         return self._made
@@ -100,7 +101,7 @@ class _Forgetting:
     def _records(self, path: Path) -> Iterator[TraceRecord]:
         """Yield the intact records of a file; damaged lines are dropped, since they may hold anything."""
         decoder = msgspec.json.Decoder(TraceRecord)
-        for line in path.read_bytes().split(b"\n"):
+        for line in read_bytes(path).split(b"\n"):
             try:
                 if line:
                     yield decoder.decode(line)
@@ -156,7 +157,7 @@ class _Forgetting:
         path = self._folder / "results.json"
         if not path.is_file():
             return
-        results = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        results = msgspec.json.decode(read_bytes(path), type=dict[str, Any])
         for name in ("actions", "utterances"):
             if name in results:
                 results[name] = [each for each in results[name] if each.get("id") in self._kept]
@@ -191,11 +192,19 @@ class _Forgetting:
                 else:
                     path.unlink()
                     self._made.files.append(name)
-            elif path.suffix in _TEXTS and self._names(path.read_bytes()):
-                lines = path.read_bytes().split(b"\n")
-                replace_file(path, b"\n".join(line for line in lines if not self._names(line)))
-            elif self._names(path.read_bytes()):
-                self._made.left.append(name)
+            else:
+                self._remove_lines(path, name)
+
+    def _remove_lines(self, path: Path, name: str) -> None:
+        try:
+            data = read_bytes(path)
+        except OSError:  # too large, or not readable
+            self._made.left.append(name)
+            return
+        if path.suffix in _TEXTS and self._names(data):
+            replace_file(path, b"\n".join(line for line in data.split(b"\n") if not self._names(line)))
+        elif self._names(data):
+            self._made.left.append(name)
 
 
 def _replace(path: Path, lines: Sequence[bytes]) -> None:

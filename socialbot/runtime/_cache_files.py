@@ -14,6 +14,8 @@ from types import TracebackType
 from typing import IO
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.limits import DATA_BYTES
+from socialbot.core.reading import open_file, read_bytes
 
 log = logging.getLogger("socialbot.cache")
 
@@ -52,7 +54,7 @@ class CacheFolder:
         """
         path = self._path(key)
         try:
-            data = path.read_bytes()
+            data = read_bytes(path)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -62,7 +64,10 @@ class CacheFolder:
         try:
             if data[: len(_MAGIC)] != _MAGIC or hashlib.sha256(data[start:]).digest() != data[len(_MAGIC) : start]:
                 raise ValueError("wrong checksum")
-            content = zlib.decompress(data[start:])
+            inflater = zlib.decompressobj()
+            content = inflater.decompress(data[start:], DATA_BYTES)
+            if not inflater.eof:
+                raise ValueError("incomplete, or too much data")
         except (ValueError, zlib.error) as error:
             log.warning("%s: the cache entry is damaged (%s); it is ignored and written again", path, error)
             return None
@@ -172,7 +177,7 @@ def hash_file(path: Path, *, where: str) -> bytes:
     """Return the SHA-256 of a file. Raises ParameterError if it cannot be read."""
     digest = hashlib.sha256()
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             while block := file.read(_READ_BYTES):
                 digest.update(block)
     except OSError as error:

@@ -22,6 +22,7 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.paths import replace_file
 from socialbot.core.process import ENDING_SIGNALS
 from socialbot.core.process_guard import guard_child
+from socialbot.core.reading import open_file
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
 
@@ -180,15 +181,20 @@ def how_it_ended(code: int, error: str = "") -> str:
 
 def reported_error(log: Path) -> str:
     """Return the error with which a process has ended, on one line: that of its log, or the last line there."""
-    try:
-        with log.open("rb") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL_BYTES))
-            text = file.read().decode("utf-8", errors="replace")
-    except OSError:
-        return ""
-    lines = [line for line in text.splitlines() if line.strip()][-LOG_TAIL_LINES:]  # not an error of an earlier start
+    lines = [line for line in _end_of(log).splitlines() if line.strip()][
+        -LOG_TAIL_LINES:
+    ]  # not an error of an earlier start
     errors = _ERROR.findall("\n".join(lines)) or lines
     return errors[-1].replace("\n  remedy: ", "; ").strip() if errors else ""
+
+
+def _end_of(log: Path) -> str:
+    try:
+        with open_file(log) as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL_BYTES))
+            return file.read(_TAIL_BYTES).decode("utf-8", errors="replace")
+    except OSError:
+        return ""
 
 
 def write_graph(graph: Graph, folder: Path) -> Path:
@@ -217,8 +223,7 @@ def log_file(folder: Path, name: str) -> Path:
 
 def failure(name: str, code: int, log: Path) -> SocialbotError:
     """Return the error for a failed process, with its exit code and the end of its log."""
-    text = log.read_text("utf-8", errors="replace") if log.exists() else ""
-    lines = text.splitlines()[-LOG_TAIL_LINES:]
+    lines = _end_of(log).splitlines()[-LOG_TAIL_LINES:]
     what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
     error = NodeError(what, where=name, remedy=f"the whole log: {log}")
     if code in DOCUMENTED:

@@ -19,6 +19,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.paths import read_text
+from socialbot.core.reading import read_bytes
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
@@ -227,7 +228,7 @@ class BagSource(RunSource):
                 launch.check()
                 time.sleep(DRAIN_S)
         if report.exists():
-            played = msgspec.json.decode(report.read_bytes(), type=PlaybackResult)
+            played = msgspec.json.decode(read_bytes(report), type=PlaybackResult)
             self.bag.skipped.update(played.skipped)
             if not played.sent:
                 raise self._unreadable()

@@ -16,8 +16,10 @@ from socialbot.bridge.driver_domain import DriverDomain
 from socialbot.bridge.environment import HIGHEST_DOMAIN, TOPIC_NAME, Across
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.limits import TEXT_BYTES
 from socialbot.core.messages import Image, Structured
 from socialbot.core.process_settings import ProcessSettings
+from socialbot.core.reading import read_bytes
 from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
@@ -292,7 +294,7 @@ def is_deployment(name: str) -> bool:
     if name in graph_names():
         return False
     try:
-        text = Path(name).read_text("utf-8")
+        text = paths.decoded(read_bytes(name, TEXT_BYTES))
     except (OSError, UnicodeDecodeError):
         return False
     return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())

@@ -19,6 +19,7 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
+from socialbot.core.reading import read_bytes
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.record import Privacy
@@ -143,7 +144,7 @@ def _perception(
         except BagError as error:
             return None, error.what
         files = cache.files()
-        return (files[0].path.read_bytes(), "recorded") if files else (None, result.results["bag"]["cache"])
+        return (read_bytes(files[0].path), "recorded") if files else (None, result.results["bag"]["cache"])
 
 
 def _copy(bag: Bag, writer: BagWriter, made: Redaction, blurrer: PeopleBlurrer | None, kept: set[str]) -> None:

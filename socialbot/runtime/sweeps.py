@@ -17,10 +17,11 @@ import msgspec
 
 from socialbot import __version__
 from socialbot.bags.reader import open_bag
-from socialbot.core.errors import InstallationError, ParameterError, RunError, SocialbotError
+from socialbot.core.errors import GraphError, InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import NO_JSON
-from socialbot.core.paths import expect_inside
+from socialbot.core.paths import expect_inside, read_text
+from socialbot.core.reading import read_bytes
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
 from socialbot.runs.expectations import Verdict, evaluate, load_behaviours
@@ -217,7 +218,7 @@ class Journal:
         expect_inside(self.path.parent, self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            lines = self.path.read_bytes().split(b"\n") if self.path.exists() else []
+            lines = read_bytes(self.path).split(b"\n") if self.path.exists() else []
         except OSError as error:
             remedy = "give another folder with --out"
             raise RunError(f"cannot be used: {error.strerror}", where=str(self.path), remedy=remedy) from error
@@ -254,7 +255,7 @@ class SweepRunner:
         self._bags = {str(bag): bag_digest(bag) for bag in plan.bags}
         self._texts = {str(bag): dump_graph(graph_for(bag, plan.graph)) for bag in plan.bags}
         self._behaviours = None if plan.expectations is None else behaviours_path(plan.expectations).resolve()
-        self._expected = "" if self._behaviours is None else self._behaviours.read_text("utf-8")
+        self._expected = "" if self._behaviours is None else read_text(self._behaviours, GraphError)
         if self._behaviours is not None:
             load_behaviours(self._behaviours)
         self._done = 0

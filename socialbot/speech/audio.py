@@ -14,7 +14,7 @@ from socialbot.core.errors import DeviceError, InstallationError, MessageError
 from socialbot.core.installation import extra_command
 from socialbot.core.limits import DATA_BYTES
 from socialbot.core.messages import AudioData
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import open_file, read_bytes
 
 RATE_HZ = 16000
 """Sample rate of voice activity detection and recognition."""
@@ -154,6 +154,7 @@ class WavFile:
 
 def _open_wav(path: Path) -> wave.Wave_read:
     try:
+        open_file(path).close()  # a pipe would be waited for
         return wave.open(str(path), "rb")
     except wave.Error:
         # Python before 3.12 refuses the extensible header, which stands for PCM as well.

@@ -21,6 +21,8 @@ import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError, suggestion
 from socialbot.core.installation import extra_command, pip_command
+from socialbot.core.limits import MODEL_BYTES, TEXT_BYTES
+from socialbot.core.reading import read_bytes
 from socialbot.speech.synthesis import SOUNDS_KEPT, Mark, Sound, Synthesizer, phonemes
 
 if TYPE_CHECKING:
@@ -226,14 +228,14 @@ def _find(voice: str) -> Path:
 @lru_cache(8)
 def _digest(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(read_bytes(path, MODEL_BYTES)).hexdigest()
     except OSError:
         return ""
 
 
 def _read_config(path: Path) -> dict[str, Any]:
     try:
-        config = json.loads(path.read_text("utf-8"))
+        config = json.loads(read_bytes(path, TEXT_BYTES))
         if config.get("phoneme_type", "espeak") != "espeak":
             raise ParameterError(f"phonemes of the type {config['phoneme_type']!r} are not supported", where=str(path))
         needed = [config["phoneme_id_map"][symbol] for symbol in (_BEGIN, _END, _PAD)]
@@ -255,7 +257,7 @@ def _load(path: Path) -> onnxruntime.InferenceSession:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = _THREADS, 1
     try:
-        model = path.read_bytes()
+        model = read_bytes(path, MODEL_BYTES)
         if _DURATIONS in model:
             # Joined messages of protobuf are merged: this adds an output (12) with a name (1) to the graph (7).
             model += _field(7, _field(12, _field(1, _DURATIONS)))

@@ -12,6 +12,9 @@ from types import MappingProxyType
 from socialbot.core import paths
 from socialbot.core.errors import InstallationError, ParameterError, suggestion
 from socialbot.core.installation import pip_command
+from socialbot.core.limits import MODEL_BYTES
+from socialbot.core.paths import read_text
+from socialbot.core.reading import read_bytes
 
 CHECKSUMS = "SHA256SUMS"
 """File with the SHA-256 of each file in a folder with a model, as sha256sum writes it."""
@@ -133,7 +136,9 @@ def _from_folder(folder: Path, where: str) -> dict[str, bytes]:
     sums: dict[str, str] = {}
     if (folder / CHECKSUMS).is_file():
         lines = (
-            line.split(maxsplit=1) for line in (folder / CHECKSUMS).read_text("utf-8").splitlines() if line.strip()
+            line.split(maxsplit=1)
+            for line in read_text(folder / CHECKSUMS, ParameterError).splitlines()
+            if line.strip()
         )
         sums = {pair[-1].lstrip("*"): pair[0].lower() for pair in lines}
     names = [*_NEEDED, *(name for name in ("vocabulary.txt", "vocabulary.json", "preprocessor_config.json"))]
@@ -143,7 +148,7 @@ def _from_folder(folder: Path, where: str) -> dict[str, bytes]:
 
 def _read(path: Path, sha256: str | None, remedy: str) -> bytes:
     try:
-        content = path.read_bytes()
+        content = read_bytes(path, MODEL_BYTES)
     except OSError as error:
         raise InstallationError(f"cannot be read: {error.strerror}", where=str(path), remedy=remedy) from error
     found = hashlib.sha256(content).hexdigest()

@@ -23,7 +23,8 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import read_bytes, replace_file, writing
+from socialbot.core.paths import replace_file, writing
+from socialbot.core.reading import read_bytes
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
 from socialbot.vision.transforms import AXES, OPTICAL, TransformTree
 

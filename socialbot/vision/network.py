@@ -14,6 +14,8 @@ import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.installation import pip_command, restore_command
+from socialbot.core.limits import MODEL_BYTES
+from socialbot.core.reading import check_size, read_bytes
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
@@ -113,8 +115,10 @@ def _session(model: Path | bytes, threads: int, where: str):
     # Spinning threads would use a whole core between images.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
-    source = str(model) if isinstance(model, Path) else model
     try:
+        if isinstance(model, Path):
+            check_size(model, MODEL_BYTES)
+        source = str(model) if isinstance(model, Path) else model
         return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no class of their own.
         raise ParameterError(
@@ -129,7 +133,7 @@ def included_model(file: str, sha256: str) -> bytes:
     path = resources.files("socialbot.vision") / "models" / file
     remedy = f"bring the file back: {restore_command(Path(str(path)))}"
     try:
-        data = path.read_bytes()
+        data = read_bytes(str(path), MODEL_BYTES)
     except OSError as error:
         raise InstallationError(error.strerror or str(error), where=str(path), remedy=remedy) from error
     digest = hashlib.sha256(data).hexdigest()

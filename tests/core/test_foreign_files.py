@@ -26,6 +26,10 @@ FILES = {
     "world.sdf": ("an SDF of Gazebo", "<?xml version='1.0'?><sdf version='1.6'><world name='w'/></sdf>"),
     "other.xml": ("an XML file", "<?xml version='1.0'?><other/>"),
     "map.yaml": ("a map of Nav2", "{image: map.pgm, resolution: 0.05, origin: [0, 0, 0], occupied_thresh: 0.65}"),
+    "view.rviz": (
+        "a configuration of RViz",
+        "{Panels: [], Visualization Manager: {Displays: []}, Window Geometry: {}}",
+    ),
     "camera.yaml": ("a camera calibration", "{image_width: 640, image_height: 480, camera_matrix: {rows: 3}}"),
 }
 READERS = {

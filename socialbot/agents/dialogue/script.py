@@ -26,6 +26,7 @@ from pathlib import Path
 
 from socialbot.agents.dialogue.intents import Grammar, Intent
 from socialbot.core.errors import GraphError, RuleError, suggestion
+from socialbot.core.paths import read_text
 from socialbot.core.yaml import YamlSection, read_page
 
 Names = Mapping[str, Mapping[str, Sequence[str]]]
@@ -165,10 +166,7 @@ def load_script(path: Path | str, text: str | None = None, base: Script | None =
 def page_of(path: Path | str, text: str | None = None) -> YamlSection:
     """Parse a YAML file, or its ``text`` if it has been read. Raises GraphError."""
     if text is None:
-        try:
-            text = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
+        text = read_text(Path(path), GraphError, remedy="name a YAML file")
     return read_page(text, where=str(path))
 
 

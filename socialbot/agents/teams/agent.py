@@ -38,8 +38,9 @@ from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.library import CompiledPlan
 from socialbot.bdi.literals import literal
 from socialbot.bdi.plans import Plan
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import GraphError, SocialbotError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
+from socialbot.core.paths import read_text
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
@@ -134,7 +135,7 @@ class TeamAgent(TeamMember, AgentNode):
             engine.add_action(type(action, (WorldAction,), {}))
         for action in (again, by_myself, problem, end):
             engine.add_action(action)
-        engine.add_text(self.program.read_text("utf-8"), self.program.name)
+        engine.add_text(read_text(self.program, GraphError), self.program.name)
         engine.believe(literal("patience", (round(1000 * self.patience_s),)))
         engine.believe(literal("idle"))
         if not self.recovers:

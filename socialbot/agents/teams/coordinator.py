@@ -30,6 +30,7 @@ from socialbot.agents.teams.missions import (
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
+from socialbot.core.reading import read_bytes
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import NODE_NAME, Delivery, Input, Output, Parameter
 
@@ -307,7 +308,7 @@ class TeamCoordinator(Node):
         if path is None or not path.exists():
             return CoordinatorMemory()
         try:
-            return msgspec.json.decode(paths.read_bytes(path), type=CoordinatorMemory)
+            return msgspec.json.decode(read_bytes(path), type=CoordinatorMemory)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ParameterError(
                 f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import errno
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,10 +16,11 @@ from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.terms import NOTHING, Atom, Variable, conjunction
 from socialbot.bdi.trace import log
 from socialbot.core.errors import RuleError
+from socialbot.core.limits import TEXT_BYTES
+from socialbot.core.reading import read_bytes
 
 _local_numbers = itertools.count(1)
 
-MAX_BYTES = 1 << 24  # largest program file
 MAX_INCLUDES = 1000  # most included files: each may include the next one twice
 
 DIRECTIVES = {
@@ -113,9 +113,7 @@ def read_text(file: Path) -> str:
         RuleError: The file cannot be read.
     """
     try:
-        if file.stat().st_size > MAX_BYTES:
-            raise OSError(errno.EFBIG, f"larger than {MAX_BYTES >> 20} MiB")
-        data = file.read_bytes()
+        data = read_bytes(file, TEXT_BYTES)
     except OSError as problem:
         what = f"cannot be read: {problem.strerror}"
         raise RuleError(what, where=str(file), remedy="check its path") from problem

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
 from socialbot.core.installation import extra_command, pip_command
+from socialbot.core.limits import TEXT_BYTES
+from socialbot.core.reading import read_bytes
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 from socialbot.planning.planners.planner import (
@@ -249,7 +251,7 @@ class Unified(ChildPlanner):
             return out
         if ended.code != 0:
             return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.crash}")
-        written = json.loads((search.folder / ANSWER_FILE).read_text("utf-8"))
+        written = json.loads(read_bytes(search.folder / ANSWER_FILE, TEXT_BYTES))
         verdict = PlannerVerdict(written["verdict"])
         if verdict is not PlannerVerdict.SOLVED:
             return PlannerAnswer(verdict, message=f"{self.name}: {written['message']}")

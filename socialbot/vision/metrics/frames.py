@@ -18,7 +18,7 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import read_bytes
 from socialbot.vision.camera import CameraModel, CameraPose, without_lens
 from socialbot.vision.depth import measure_people
 from socialbot.vision.depth_sensors import DepthSensors

@@ -27,7 +27,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from socialbot.core.errors import TruthError
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import read_bytes
 
 TRUTH_TOPIC = "/ground_truth/persons"
 """Topic of ground truth in a bag."""

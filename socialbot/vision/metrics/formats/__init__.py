@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from socialbot.core.errors import ParameterError, suggestion
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import read_bytes
 from socialbot.core.registry import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images

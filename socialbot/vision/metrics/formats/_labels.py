@@ -17,7 +17,7 @@ from socialbot.bags.image_files import open_video, read_image
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, TruthError
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import open_file, read_bytes
 from socialbot.vision.metrics.frames import (
     BLOCK_S,
     IMAGE_NS,
@@ -91,7 +91,7 @@ def first_line(path: Path) -> str:
     if path.suffix.lower() != ".txt":
         return ""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             line = next((each for each in (file.readline(4096) for _ in range(5)) if each.strip()), b"")
     except OSError:
         return ""
@@ -421,7 +421,7 @@ def image_size(path: Path) -> tuple[int, int]:
         ImageError: It cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(1 << 16)
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error

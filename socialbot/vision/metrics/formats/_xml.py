@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import open_file, read_bytes
 from socialbot.vision.metrics.formats._labels import fault, numbers
 
 
@@ -54,7 +54,7 @@ def root_tag(path: Path) -> str:
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda name, _: tags.append(name)
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             while not tags and (data := file.read(4096)):
                 parser.Parse(data, False)
     except (OSError, expat.ExpatError, ValueError, LookupError):

@@ -10,7 +10,7 @@ import msgspec
 
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
-from socialbot.core.paths import read_bytes
+from socialbot.core.reading import read_bytes
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,

@@ -15,6 +15,7 @@ from ruamel.yaml.error import YAMLError
 
 from socialbot.bags.reader import natural
 from socialbot.core.errors import ImageError
+from socialbot.core.reading import open_file
 from socialbot.core.yaml import load_yaml
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -63,7 +64,8 @@ def _yaml_of(folder: Path) -> Path | None:
 
 def _has_names(path: Path) -> bool:
     try:
-        text = path.read_bytes()[:100_000]
+        with open_file(path) as file:
+            text = file.read(100_000)
     except OSError:
         return False
     return any(line.startswith(b"names:") for line in text.splitlines())
