@@ -276,7 +276,7 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
             data = json.loads(read_bytes(path))
         _check(data)
     except OSError as problem:
-        what = f"cannot be read: {problem.strerror or problem}"
+        what = f"cannot read: {problem.strerror or problem}"
         raise MindError(what, where=str(path), remedy="give a saved mind") from problem
     except MindError as problem:
         raise MindError(problem.what, where=str(path), remedy=problem.remedy) from problem
