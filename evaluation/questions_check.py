@@ -144,9 +144,13 @@ def people(line: Line) -> list[str]:
 
 
 def covers(pattern: str, call: str) -> bool:
-    """Return whether a call has the name of ``pattern``, and begins with its arguments."""
+    """Return whether a call has the name of ``pattern``, and begins with its arguments; ``*`` is any one."""
     name, _, first = pattern.replace('"', "").rstrip(")").partition("(")
     other, _, arguments = call.rstrip(")").partition("(")
+    if first.startswith("*") or ", *" in first:
+        pairs = zip(first.split(", "), arguments.split(", "), strict=False)
+        return name == other and len(first.split(", ")) <= len(arguments.split(", ")) and all(
+            one in ("*", argument) for one, argument in pairs)  # fmt: skip
     return name == other and (not first or arguments == first or arguments.startswith(f"{first},"))
 
 

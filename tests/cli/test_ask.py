@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 
 from socialbot.cli.ask import ask
 from socialbot.core.errors import ParameterError, SocialbotError
-from socialbot.runs.asking import _answers
 from tests.runs.runs import greeting
 
 app = typer.Typer()
@@ -52,13 +51,12 @@ def test_a_rule_that_nothing_triggered_is_a_reason(tmp_path):
     assert told(deserted, "Why did you not greet anybody?").startswith("I did not greet anybody because")
 
 
-def test_the_closest_readings_of_an_unclear_question_are_told(run, monkeypatch):
-    monkeypatch.setattr(_answers, "SURE", 1.0)
-    assert told(run, "Was anybody greeted twice?").splitlines() == [
-        "Do you ask whether I greeted person t1, or how often I greeted person t1?",
+def test_the_closest_readings_of_an_unclear_question_are_told(run):
+    assert told(run, "What about the first visitor?").splitlines() == [
+        "Do you ask what I did at 0.7 s, or what I said at 0.7 s?",
         "",
-        "    whether I greeted person t1: Yes: at 0.7 s I greeted person t1.",
-        "    how often I greeted person t1: Once: at 0.7 s I greeted person t1.",
+        "    what I did at 0.7 s: At 0.7 s I greeted person t1.",
+        '    what I said at 0.7 s: At 0.7 s I said "Hello! Nice to see you.".',
     ]
 
 

@@ -7,8 +7,8 @@ the agent achieve `Respond`, and use `Answer`, `Ask`, `Confirm` and `Converse`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -242,6 +242,8 @@ class Conversation:
         self.interpret = interpret
         self._voices: dict[str, str] = {}  # persons who are speaking, by voice
         self.last_heard: dict[str, HeardSpeech] = {}
+        self.understood: dict[str, Mapping[str, Any]] = {}
+        """What ``interpret`` keeps about the last sentence of each person."""
         """Last sentence of each person."""
         self._telling: dict[str, LongAction] = {}
         self._last: dict[str, tuple[str, tuple[object, ...]]] = {}
@@ -350,6 +352,7 @@ class Conversation:
     def forget_person(self, person: str) -> None:
         """Drop the last sentences of and to a person."""
         self.last_heard.pop(person, None)
+        self.understood.pop(person, None)
         self._last.pop(person, None)
 
     def forget(self, action: LongAction) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
 
@@ -26,7 +27,7 @@ from socialbot.agents.dialogue import (
     turn,
     waits,
 )
-from socialbot.agents.waldo.nodes import WaldoNode
+from socialbot.agents.waldo.nodes import Listener, WaldoNode
 from socialbot.agents.waldo.waldo import (
     DoNothing,
     GreetPeople,
@@ -61,7 +62,7 @@ from socialbot.bdi import (
 )
 from socialbot.core import paths
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import HeardSpeech, Message, PersonDetections, SpeechStatus, VoiceActivity
+from socialbot.core.messages import HeardSpeech, Message, PersonDetections, SpeechStatus, Utterance, VoiceActivity
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
 from socialbot.runs.asking import Answer as Answered
@@ -154,7 +155,6 @@ class TalkingWaldo(WaldoNode):
         config = NodeConfig(self.name, type(self))
         self._past = LiveRun(Graph(self.name, (config,), inputs=frozenset(topic for topic, _ in config.subscriptions)))
         self._unread = 0
-        self._options: dict[str, dict[str, Answered]] = {}  # answers by person and reading
         engine = super().build()
         script = self.make_script()
         if self.language not in script.languages:
@@ -220,7 +220,16 @@ class TalkingWaldo(WaldoNode):
         if language == "en" and situation in ("greeting", "greeting_several", "offer"):
             text = self.sentence(situation)
         self.act(action, situation, person, text, language)
-        return f"say-{action.id}"
+        said = Utterance(
+            stamp=self.engine.clock.now(),
+            id=f"say-{action.id}",
+            text=text,
+            cause=action.id,
+            person=person,
+            language=language,
+        )
+        self._remember(Listener.say.topic, said)
+        return said.id
 
     def interpret(self, message: HeardSpeech, reading: Reading, text: str, person: str) -> tuple[Reading, str]:
         """Read a sentence as a reply to a question back, or as a question about this run.
@@ -231,28 +240,32 @@ class TalkingWaldo(WaldoNode):
         language = reading.language
         texts = (text, *(one for one in message.alternatives if one != text))
         if self._is_asked(person):
-            options = self._options[person]
+            options = list(self._answers(person))
             for each in texts:
-                if number := chosen_option(list(options), each):
-                    return Reading(CHOICE, (list(options)[number - 1],), language), each
+                if number := chosen_option(options, each):
+                    return Reading(CHOICE, (options[number - 1],), language), each
         if reading and reading.intent != QUESTION:
             return reading, text
         asked = [each for each in texts if reading or is_asked(each, language)]
-        answers = [self._answer(each, person, language) for each in asked]
+        answers = [self._answer(each, person, language, message.id) for each in asked]
         for each, found in zip(asked, answers, strict=True):
             if found.known:
                 return replace(reading, intent=QUESTION, slots=()), each
         for each, found in zip(asked, answers, strict=True):
             if found.options:
-                self._options[person] = {one.question: one for one in found.options}
-                return Reading(UNCLEAR, tuple(self._options[person]), language), each
+                self.conversation.understood[person] = {one.question: one for one in found.options}
+                return Reading(UNCLEAR, tuple(self._answers(person)), language), each
         return reading, text
 
     def _is_asked(self, person: str) -> bool:
         """Whether it is open which reading of their question a person means."""
-        return person in self._options and bool(self.conversation.believed(asked, person, "clarify"))
+        return bool(self._answers(person) and self.conversation.believed(asked, person, "clarify"))
 
-    def _answer(self, question: str, person: str, language: str) -> Answered:
+    def _answers(self, person: str) -> Mapping[str, Answered]:
+        """Return the answers to the readings of the last unclear question of a person."""
+        return self.conversation.understood.get(person, {})
+
+    def _answer(self, question: str, person: str, language: str, asked_as: str) -> Answered:
         """Return the answer of what happened so far to a question of a person."""
         return answer(
             self._past,
@@ -261,17 +274,16 @@ class TalkingWaldo(WaldoNode):
             speaker=person,
             agent=self.name,
             spoken=True,
+            asked_as=asked_as,
         )
 
     def explain(self, action: explain, person: str, reading: str = "") -> None:
         """Say the answer to the last question of a person, or to a reading of it; record it with its records."""
-        question = reading or self.conversation.last_heard[person].text
-        known = self._options.pop(person, {})
-        found = (
-            known[reading]
-            if reading in known
-            else self._answer(question, person, self.conversation.language_of(person))
-        )
+        heard = self.conversation.last_heard[person]
+        question = reading or heard.text
+        found = self._answers(person).get(reading)
+        if found is None:
+            found = self._answer(question, person, self.conversation.language_of(person), heard.id)
         self.engine.trace.record(
             "answer",
             found.text,

@@ -36,7 +36,7 @@ def said(scope: Scope) -> Told | None:
 
 def heard(scope: Scope) -> Told | None:
     """Return what people said: the words in question, or else all of it, with the reply to a single utterance."""
-    found = [each for each in scope.in_time(scope.facts.heard) if each.stamp <= scope.now]
+    found = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
     found = [each for each in found if not scope.persons or each.detail.get("person") in scope.persons]
     if scope.question.says:
         found = fitting_words(found, scope.question.says)

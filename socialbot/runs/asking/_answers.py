@@ -14,27 +14,22 @@ from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, failed, heard, said
 from socialbot.runs.asking._beliefs import believed, ended
-from socialbot.runs.asking._causes import contrast, reasons, reasons_against
+from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
-from socialbot.runs.asking._facts import Facts, near, record_agent
+from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
-from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
+from socialbot.runs.asking._people import seen, stay, visitors
 from socialbot.runs.asking._questions import NEAR_S, Question, candidates, with_time
 from socialbot.runs.asking._ranking import SURE, ranked
-from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
-from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive, kind_of_name
+from socialbot.runs.asking._scope import NOBODY, Scope, Told
+from socialbot.runs.asking._sentences import Answer, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._whether import Whether
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of, decided_at
-
-ALL_WORDS = 0.8
-"""Least share of the words in question that an utterance has to have to be told as said."""
-
-SOME_WORDS = 0.3
-"""Share of the words in question from which on an utterance may have asked for the same thing."""
 
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
@@ -52,6 +47,7 @@ def answer(
     speaker: str = "",
     agent: str = "",
     spoken: bool = False,
+    asked_as: str = "",
 ) -> Answer:
     """Return the answer of a run to a question about it, or a question back with ``options``.
 
@@ -63,6 +59,7 @@ def answer(
         speaker: Track id of the person who asks; by default the person whom the deed in question concerned.
         agent: Node of the agent that is addressed; by default any.
         spoken: Tell times as people say them, "9 seconds ago", instead of "at 3.6 s".
+        asked_as: Id of the record of the question, if the run has heard it: it is nothing that was said before.
 
     Raises:
         ParameterError: ``agent`` is no agent of the run.
@@ -71,7 +68,7 @@ def answer(
     if agent and agent not in history.agents:
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
-    facts = facts_of(run)
+    facts = facts_of(run, asked_as)
     found = candidates(text, facts.subjects, language)
     if not found:
         nothing = Question(None, language if language in LANGUAGES else "en")
@@ -100,26 +97,26 @@ def is_asked(text: str, language: str) -> bool:
     return language in LANGUAGES and is_question(tokens(text), LANGUAGES[language])
 
 
-_FACTS: WeakKeyDictionary[RunView, tuple[tuple[int, ...], Facts]] = WeakKeyDictionary()
+_FACTS: WeakKeyDictionary[RunView, tuple[tuple[int | str, ...], Facts]] = WeakKeyDictionary()
 """Facts of runs with the state of their history; a live run has new ones after each record."""
 
 
-def facts_of(run: RunView) -> Facts:
+def facts_of(run: RunView, asked_as: str = "") -> Facts:
     """Return the facts of a run and what it can be asked about; rules name deeds that were never considered, too."""
     history = run.history
-    state = id(history), len(history), history.forgotten, history.end
+    state = id(history), len(history), history.forgotten, history.end, asked_as
     known = _FACTS.get(run)
     if known is None or known[0] != state:
-        known = _FACTS[run] = state, _facts(run)
+        known = _FACTS[run] = state, _facts(run, asked_as)
     return known[1]
 
 
-def _facts(run: RunView) -> Facts:
+def _facts(run: RunView, asked_as: str) -> Facts:
     vocabulary = vocabulary_of(run.graph)
     if run.graph is None:  # the words of all packages
         known = tuple(deed for deed in vocabulary.deeds if _occurs(deed, run.history))
         vocabulary = replace(vocabulary, deeds=known)
-    return Facts(Subjects(run.history, run.wording, vocabulary, run.rules))
+    return Facts(Subjects(run.history, run.wording, vocabulary, run.rules, asked_as))
 
 
 def answered(
@@ -145,7 +142,7 @@ def _occurs(deed: Deed, history: History) -> bool:
     return any(call_of(record).partition("(")[0] in names for record in history)
 
 
-class _Answering(Scope):
+class _Answering(Whether):
     """One question being answered."""
 
     def answer(self, text: str) -> Answer:
@@ -250,59 +247,7 @@ class _Answering(Scope):
             return did.text, [did]
         return self._left_undone()
 
-    def _left_undone(self) -> Told | None:
-        """Return that the deed was not done and why; None if the words may mean another deed.
-
-        They may if the deed was done to the same things in another way, if it is done to other kinds of things only,
-        and if they are synonyms and only other agents do it: a carrier that "drops off" does not put boxes down.
-        """
-        things = set(self.question.things)
-        done = self.subjects.done(self.topic) if self.topic is not None else []
-        by_agent = [each for each in done if self.agent in ("", record_agent(self.history, each))]
-        tried = [each.id for each in self.in_time(by_agent) if things and things <= self.things_behind(each)]
-        if tried:
-            begin_s, end_s = self.span()
-            timely = [each for each in self.facts.failures if begin_s <= self.history.seconds(each.stamp) <= end_s]
-            failures = [each for each in timely if any(one.id in tried for one in self.history.before(each))]
-            clauses = [self.speech.failed(each) for each in failures if things <= self.things_behind(each)]
-            return (self.joined(clauses), clauses) if clauses else None
-        if done and not by_agent and self.question.is_synonym:
-            return None
-        kinds = {kind_of_name(one) for each in done for one in (*arguments_of(each.what), each.source)}
-        if done and not kinds.issuperset(kind for one in things if (kind := kind_of_name(one)) != one):
-            return None
-        return self._undone()
-
-    def _undone(self) -> Told:
-        topic = self.topic
-        assert topic is not None
-        span = self.span()
-        agent = self.only_agent()
-        undone = self.speech.did_not(topic, self.persons, agent, span, list(self.question.things))
-        if self.question.at_s is not None:
-            undone = self.speech.at(undone, self.question.at_s)
-        elif self.question.event is not None or self.question.span_s is not None:
-            undone = self.speech.within(undone, *span)
-        earlier = [each for each in self.of_persons(self.deeds) if self.history.seconds(each.stamp) < span[0]]
-        if earlier:
-            done = self.speech.did(earlier[-1], topic)
-            return f"{undone.text}{self.speech.say('because')} {done.text}", [undone, done]
-        because = reasons_against(self.speech, self.subjects, topic, self.persons, agent, span, self.question.at_s)
-        if not because:
-            instead = self._instead(topic)
-            return "; ".join(each.text for each in (undone, *instead)), [undone, *instead]
-        return f"{undone.text}{self.speech.say('because')} {self.joined(because)}", [undone, *because]
-
-    def _instead(self, topic: Topic) -> list[Clause]:
-        """Return the last deed of the same kind with one of the things in question."""
-        done = [each for each in self.subjects.done(topic) if each.stamp <= self.now]
-        for thing in self.question.things:
-            found = [each for each in done if thing in arguments_of(each.what)]
-            if found:
-                return [self.speech.did(found[-1], topic)]
-        return []
-
-    # Deeds: when, how often, whether, who
+    # Deeds: when, who
 
     def _when(self) -> Told | None:
         if self.topic is not None:
@@ -316,116 +261,6 @@ class _Answering(Scope):
             said = self.quoted(self.up_to_now(), self.question.says)
             return self._listed(said) if said else None
         return visitors(self)
-
-    def _listed(self, deeds: Sequence[TraceRecord]) -> Told:
-        clauses = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
-        if len(deeds) > MOST_NAMED:
-            clauses.append(self._number(deeds))
-        return self.joined(clauses), clauses
-
-    def _count(self) -> Told | None:
-        if self.topic is not None:
-            deeds = self.of_persons(self.deeds)
-            if not deeds:
-                return self._left_undone()
-            shown = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
-            counted = self._number(deeds)
-            return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
-        if self.question.says:
-            said = self.quoted(self.up_to_now(), self.question.says, ALL_WORDS)
-            if not said:
-                return self._did_say()
-            counted, shown = self._number(said), [self.speech.did(each, None) for each in said[:MOST_NAMED]]
-            return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
-        return count_people(self) if self.subjects.persons or has_frames(self) else None
-
-    def _number(self, deeds: Sequence[TraceRecord]) -> Clause:
-        text = self.speech.say("times_one") if len(deeds) == 1 else self.speech.say("times", count=len(deeds))
-        topic, agent = self.topic, self.agent
-        calls = (
-            topic.calls
-            if topic
-            else tuple(dict.fromkeys(one for each in deeds for one in self.subjects.calls_of(each)))
-        )
-        is_limited = self.question.event is not None or self.question.span_s is not None
-        begin_s, end_s = self.span() if is_limited else (0.0, self.now_s)
-        claim = Claim(
-            "count", agent, calls, begin_s, end_s,
-            (*self.persons, *self.question.things), float(len(deeds)),
-        )  # fmt: skip
-        return Clause(text, tuple(each.id for each in deeds), claim)
-
-    def _did(self) -> Told | None:
-        if self.topic is None:
-            return self._did_say()
-        if (
-            self.question.about_all
-            or self.question.about_left_out
-            or (self.question.is_opposite and self.question.person is None)
-        ):
-            return self._did_for_all()
-        deeds = self.of_persons(self.deeds)
-        chosen = self._chosen()
-        if chosen is not None:
-            clause = self.speech.did(chosen, self.topic)
-            return f"{self._confirmed(True)}: {clause.text}", [clause]
-        other = [each for each in self.of_persons(self.deeds_at_all) if each.stamp <= self.now]
-        if not deeds and other and self.question.event is not None:
-            # Done, but on the other side of the event.
-            clauses = [self.speech.did(other[-1], self.topic)]
-            if self.event_deed is not None:
-                clauses.append(self.speech.did(self.event_deed, self.subjects.topic_of(self.event_deed)))
-            return f"{self._confirmed(False)}: {self.joined(clauses)}", clauses
-        if not deeds:
-            undone = self._left_undone()
-            return None if undone is None else (f"{self._confirmed(False)}: {undone[0]}", undone[1])
-        undone = self.speech.did_not(
-            self.topic, self.persons, self.only_agent(), self.span(), list(self.question.things)
-        )
-        if self.question.at_s is not None:
-            undone = self.speech.at(undone, self.question.at_s)
-        other = self.speech.did(deeds[-1], self.topic)
-        return f"{self._confirmed(False)}: {undone.text}; {other.text}", [undone, other]
-
-    def _confirmed(self, is_done: bool) -> str:
-        """Return yes or no; for the opposite of a deed, such as "ignore", the other one."""
-        return self.speech.say("yes" if is_done is not self.question.is_opposite else "no")
-
-    def _did_say(self) -> Told | None:
-        if not self.question.says:
-            return None
-        said = self.quoted(self.up_to_now(), self.question.says, ALL_WORDS)
-        if said:
-            clause = self.speech.did(said[-1], None)
-            return f"{self.speech.say('yes')}: {clause.text}", [clause]
-        if self.question.asks and self.quoted(self.up_to_now(), self.question.says, SOME_WORDS):
-            return None  # "Did you ask to see a badge?": in other words, perhaps
-        text = self.speech.about(self.agent, self.speech.say("said_no_words", what=" ".join(self.question.says)))
-        claim = Claim("said_not", self.agent, self.question.says, 0.0, self.now_s, tuple(self.persons))
-        clause = Clause(text, (), claim)
-        return f"{self.speech.say('no')}: {clause.text}", [clause]
-
-    def _did_for_all(self) -> Told | None:
-        """Return whether a deed was done for everybody: no, with those who were left out, or yes."""
-        asks_left_out = self.question.is_opposite or self.question.about_left_out
-        left = self._left_out(self._all_people())
-        if left:
-            told, clauses = self._without(left)
-            return f"{self.speech.say('yes' if asks_left_out else 'no')}: {told}", clauses
-        if not self.deeds:
-            return self._left_undone()
-        told, clauses = self._listed(self.deeds)
-        return f"{self.speech.say('no' if asks_left_out else 'yes')}: {told}", clauses
-
-    def _without(self, persons: Sequence[str]) -> Told:
-        """Return for each of some people that the deed was not done, and why."""
-        texts, clauses = [], []
-        for person in persons[-MOST_NAMED:]:
-            self.persons = [person]
-            told, some = self._undone()
-            texts.append(told)
-            clauses += some
-        return "; ".join(texts), clauses
 
     def _who(self) -> Told | None:
         if self.topic is not None:

@@ -122,7 +122,7 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 if not _is_at(phrase, words, place) or place + len(phrase) == len(words):
                     continue
                 rest = words[place + len(phrase) :]
-                if rest[0] in language.auxiliaries:
+                if rest[0] in language.auxiliaries or (place < 2 and phrase[0] == language.sentences["and"]):
                     continue
                 asked = next((n for n in range(2, len(rest) - 1) if _asks(rest[n : n + 2], language)), None)
                 if place >= 2 and asked is not None:

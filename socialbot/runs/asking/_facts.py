@@ -137,11 +137,6 @@ class Facts:
         return last
 
     @cached_property
-    def heard(self) -> list[TraceRecord]:
-        """What people said."""
-        return [each for each in self.history if each.kind == "hearing"]
-
-    @cached_property
     def failures(self) -> list[TraceRecord]:
         """Failures of goals and actions."""
         return [each for each in self.history if each.kind == "failure"]

@@ -18,11 +18,13 @@ from socialbot.runs.asking._named_beliefs import asked_beliefs
 from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
+    Quantity,
     Reading,
     digits_after_names,
     take_names,
     take_ordinal,
     take_person,
+    take_quantity,
     take_span,
     take_time,
 )
@@ -73,7 +75,6 @@ _YOU = {"you", "u"}
 _OBJECTS = {"name", "thing", "time", "cause"}
 """Evidence that names no deed, but what it is about."""
 _CONJUNCTIONS = {"that", "if", "whether"}
-_NUMERALS = {"once", "twice", "thrice", "times"}
 _NAMED = 0.85
 """Least fit of a deed in a subordinate clause."""
 _BESIDE_SAID = {"for", "about", "a", "an", "the", "to", "see", "have", "get"}
@@ -123,6 +124,7 @@ class Question:
         event: Question about the event that tells the time: ``after t2 had left``.
         unknown: Its words that nothing explains.
         verb: Its verb, if nothing explains it.
+        quantity: Whether it asks how many ``times`` a deed was done (twice, again), or to which ``others`` (else).
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
         belief: Name of the belief that it asks for.
@@ -153,6 +155,7 @@ class Question:
     event: Event | None = None
     unknown: tuple[str, ...] = ()
     verb: str = ""
+    quantity: Quantity = ""
     is_synonym: bool = False
     thing_kind: str = ""
     belief: str = ""
@@ -221,7 +224,8 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     if not 0 < len(words) <= MOST_WORDS:
         return []
     codes = [language] if language in LANGUAGES else list(LANGUAGES)
-    exact = {code: sum(word in LANGUAGES[code].known_words for word in words) for code in codes}
+    known = {code: LANGUAGES[code].known_words | words_of_deeds(subjects, code) for code in codes}
+    exact = {code: sum(word in known[code] for word in words) for code in codes}
     own = [code for code in codes if exact[code] == max(exact.values())]
     return [
         each
@@ -314,6 +318,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
             reading.taken |= places if name == "silent" else set()
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
+    quantity = take_quantity(reading, is_named=person is not None)
     ordinal = take_ordinal(reading, referred) if span_s is None else None
     names = [*things, *(name for name, _ in agents)]
     at = None if at_s is None or ago else subjects.history.start + nanoseconds(at_s)
@@ -341,7 +346,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
             reading.taken.add(place)
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
-        is_past=reading.has("past") and not reading.has("future"),
+        is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
@@ -441,12 +446,12 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
         classes.sort(key=lambda name: (name in ("what", "who", "when"), min(reading.places(name))))
     classes = ["why"] if "what" in classes and _is_caused(reading) else classes[:1]
     kinds = set(_ASKED[classes[0]]) if classes else set(_WITHOUT)
-    if not classes and _NUMERALS.intersection(reading.words):
-        kinds.add("count")  # "You greeted t1 twice, right?"
     if not classes and reading.has("say"):
         kinds.add("said")  # "Did you say anything to t2?"
     if deed is not None and not classes:
         kinds &= _WHETHER if reading.has("future", "plan") else _WHETHER - {"next"}
+    if not classes and _is_request(reading):
+        kinds -= {"did", "count"}  # "Could you greet t2 now?" does not ask whether it was done
     places = set() if deed is None else deed.places
     is_opposite = deed is not None and deed.is_opposite
     is_denied = reading.has("silent") or not places.issuperset(reading.places("not"))
@@ -457,6 +462,15 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
         if "why" in classes and not is_opposite:
             kinds.remove("why")
     return kinds
+
+
+def _is_request(reading: Reading) -> bool:
+    """Return whether somebody is asked to do something: ``please``, ``could you``."""
+    words, asks = reading.words, sorted(reading.language.phrases["request"], key=len, reverse=True)
+    begin = next((len(one) for one in asks if tuple(words[: len(one)]) == one), 0)
+    is_asking = tuple(words[begin : begin + 1]) in reading.language.phrases["matrix"]  # "would you say"
+    is_past = reading.has("past") or reading.language.auxiliaries.intersection(words[begin:])
+    return begin > 0 and not is_asking and not is_past
 
 
 def _is_caused(reading: Reading) -> bool:
@@ -559,7 +573,8 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     if begin == len(words):  # the verb is the last word, as in German and in a passive
         before = [*reading.places("you"), *(n for n in range(max(said)) if words[n] in reading.language.auxiliaries)]
         begin, end = max(before, default=-1) + 1, max(said)
-    while end > begin + 1 and words[end - 1] in _BEFORE_ADDRESSEE:
+    quantities = {word for name in ("times", "others") for one in reading.language.phrases[name] for word in one}
+    while end > begin + 1 and (words[end - 1] in _BEFORE_ADDRESSEE or words[end - 1] in quantities):
         end -= 1
     names = {word for name in found.question.things for word in tokens(name)}
     while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *names}:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Set
 from dataclasses import dataclass, field
+from typing import Literal
 
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.asking._words import (
+    NUMBER_WORDS,
     digits,
     fraction_at,
     likeness,
@@ -18,6 +20,9 @@ from socialbot.runs.asking._words import (
     tokens,
 )
 from socialbot.runs.asking.languages import Language
+
+Quantity = Literal["times", "others", ""]
+"""What a question asks about the number of deeds: how many times, or to which or how many others."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +202,7 @@ def _order(word: str, language: Language) -> int | None:
     """Return the number of an ordinal in any form: 1 for the first, -1 for the last; None for other words."""
     phrases = language.phrases
     written = ordinal_in_digits(word)
-    if written is not None:
+    if written is not None or word in NUMBER_WORDS:
         return written
     known = [(one[0], 1) for one in phrases["first"] if len(one) == 1]
     known += [(one[0], -1) for one in phrases["last"] if len(one) == 1]
@@ -234,6 +239,8 @@ def _number_behind(reading: Reading, person: int) -> int | None:
     words = reading.words
     place = person + 1 + (words[person + 1 : person + 2] in (["number"], ["no"], ["nummer"], ["numero"]))
     found = number_at(words, place) if place < len(words) and place not in reading.taken else None
+    if found is not None and tuple(words[place + found[1] : place + found[1] + 1]) in reading.language.phrases["time"]:
+        return None  # "anybody two times"
     if found is None or not found[0].is_integer() or not 1 <= found[0] <= _MOST_IN_ORDER:
         return None
     reading.taken |= set(range(person, place + found[1]))
@@ -262,6 +269,34 @@ def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
             reading.taken.add(n + 1)
         return number
     return None
+
+
+def take_quantity(reading: Reading, *, is_named: bool) -> Quantity:
+    """Take words of quantity: ``twice``, ``again`` and ``only once``, or ``anybody else`` and ``three people``.
+
+    ``Anybody twice`` is about several people, unless one ``is_named``.
+    """
+    words, phrases = reading.words, reading.language.phrases
+    people = {n for n, word in enumerate(words) if (word,) in phrases["people"]}
+    numbers = {n for n in range(len(words)) if number_at(words, n) is not None}
+    counted = {n for n in range(1, len(words)) if (words[n],) in phrases["time"] and (
+        n - 1 in numbers or _order(words[n - 1], reading.language) is not None)}  # fmt: skip
+    found: dict[str, set[int]] = {"times": {place - one for place in counted for one in (0, 1)}, "others": set()}
+    for name, places in found.items():
+        for phrase in phrases[name]:
+            starts = [n for n in range(len(words)) if tuple(words[n : n + len(phrase)]) == phrase]
+            if phrase in phrases["event after"]:  # "once t2 had left" is no "once, haven't you?"
+                starts = [n for n in starts if {*words[n + 1 : n + 2]} <= reading.language.auxiliaries]
+            places.update(n + one for n in starts for one in range(len(phrase)))
+    whole = _DEFINITE | {one[0] for one in phrases["all"]}
+    several = {n for n in numbers if n + 1 in people and (n == 0 or words[n - 1] not in whole)}
+    places = found["times"] | found["others"] | several
+    if not places:
+        return ""
+    reading.found.setdefault("filler", []).extend((1.0, (place,)) for place in sorted(places))
+    reading.taken |= places
+    is_about_others = bool(found["others"] or several) and not found["times"]
+    return "others" if is_about_others or (people and not is_named) else "times"
 
 
 # Names and persons

@@ -114,7 +114,7 @@ class Scope:
         scope = Scope(self.run, self.facts, event.what, self.now_s, self.speaker, "", spoken=False)
         self.event_persons = scope.persons
         if event.heard is not None:
-            heard = [each for each in self.facts.heard if each.stamp <= self.now]
+            heard = [each for each in self.subjects.heard if each.stamp <= self.now]
             fitting = [each for each in heard if set(event.heard) <= set(tokens(each.what))]
             return self.history.seconds(fitting[-1].stamp) if fitting else None
         if event.what.says:

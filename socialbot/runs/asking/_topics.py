@@ -138,13 +138,21 @@ class Subjects:
         wording: Names of agents and phrases for actions.
         vocabulary: Words that the agents declare.
         rules: Texts of the rules of the agents, as far as they are known beside the records.
+        asked_as: Id of the record of the question itself, if the run has heard it.
     """
 
     def __init__(
-        self, history: History, wording: Wording, vocabulary: Vocabulary, rules: Mapping[str, Sequence[str]]
+        self,
+        history: History,
+        wording: Wording,
+        vocabulary: Vocabulary,
+        rules: Mapping[str, Sequence[str]],
+        asked_as: str = "",
     ) -> None:
         self.history, self.wording, self.vocabulary = history, wording, vocabulary
         self.plans = tuple(dict.fromkeys((*_plans(history), *(text for texts in rules.values() for text in texts))))
+        self.heard = [each for each in history if each.kind == "hearing" and each.id != asked_as]
+        """What people said before the question."""
         self.agents = history.agents
         self.persons = tuple(dict.fromkeys(_persons(history)))
         self.topics = self._topics()
@@ -284,7 +292,7 @@ class Subjects:
     @cached_property
     def heard_stems(self) -> Set[str]:
         """Stems of the words that people said."""
-        return {stem(word) for each in self.history if each.kind == "hearing" for word in tokens(each.what)}
+        return {stem(word) for each in self.heard for word in tokens(each.what)}
 
     @cached_property
     def _calls_by_id(self) -> Mapping[int, tuple[str, ...]]:

@@ -3,10 +3,9 @@ from __future__ import annotations
 import pytest
 
 from socialbot.agents.waldo import TalkingWaldo, small_talk
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import HeardSpeech, VoiceActivity
-from socialbot.runs.asking import _answers
 from tests.agents.waldo.corridor import GREETING, OFFER
 from tests.agents.waldo.hall import SPEECH, Hall
 
@@ -163,7 +162,8 @@ def test_answers_questions_about_what_it_did_from_the_trace(language, question, 
         hall.see(4.0, "t1")
         (record,) = [one for one in hall.trace if one.kind == "answer"]
         detections = {one.id for one in hall.messages("/humans/bodies/detections")}
-        known = {one.id for one in hall.trace} | detections
+        said = {one.id for one in hall.messages("/speech/say")}
+        known = {one.id for one in hall.trace} | detections | said
     assert [part for part in parts if part not in record.what] == []
     assert record.what == hall.said[-1]
     assert record.detail["known"]
@@ -251,33 +251,27 @@ def test_a_misheard_question_is_answered_by_an_alternative():
     assert record.detail["question"] == "Why did you greet me?"
 
 
-UNCLEAR = "Was anybody helped twice?"
-
-
-@pytest.fixture
-def unsure(monkeypatch):
-    """Every question with two readings is asked back."""
-    monkeypatch.setattr(_answers, "SURE", 0.96)
+UNCLEAR = "What about the first visitor?"
 
 
 @pytest.mark.parametrize(
     ("reply", "told"),
     [
-        ("The second one, please.", "Once:"),
-        ("How often.", "Once:"),
-        ("Yes.", "Yes:"),
-        ("whether", "Yes:"),
+        ("The second one, please.", f'I said "{GREETING}"'),
+        ("What you said.", f'I said "{GREETING}"'),
+        ("Yes.", "I greeted you"),
+        ("what you did", "I greeted you"),
         ("No.", "All right."),
         ("Why did you greet me?", "I greeted you because"),
     ],
 )
-def test_a_question_that_is_not_clear_is_asked_back(reply, told, unsure):
+def test_a_question_that_is_not_clear_is_asked_back(reply, told):
     with Hall() as hall:
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)
         hall.see(4.0, "t1")
-        assert hall.said[-1] == "Do you ask whether I offered you help, or how often I offered you help?"
-        options = '["whether I offered you help", "how often I offered you help"]'
+        assert hall.said[-1] == "Do you ask what I did at 0.5 s, or what I said at 0.5 s?"
+        options = '["what I did at 0.5 s", "what I said at 0.5 s"]'
         assert f'heard("t1", "unclear", {options})' in hall.believes()
         assert 'asked("t1", "clarify")' in hall.believes()
         hall.hear("t1", reply)
@@ -291,7 +285,7 @@ def test_a_question_that_is_not_clear_is_asked_back(reply, told, unsure):
         assert action.what.startswith('explain("t1"')
 
 
-def test_nobody_says_which_question_is_meant(unsure):
+def test_nobody_says_which_question_is_meant():
     with Hall() as hall:
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)
@@ -301,6 +295,34 @@ def test_nobody_says_which_question_is_meant(unsure):
         hall.see(5.0, "t1")
     assert not {each for each in hall.believes() if each.startswith(("asked", "turn"))}
     assert hall.said[said:] == ["Sorry, I did not understand."]
+
+
+def test_readings_are_forgotten_with_their_person():
+    with Hall() as hall:
+        hall.see(16.0, "t1")
+        hall.hear("t1", UNCLEAR)
+        hall.see(20.0, "t1")
+        conversation = hall.node("waldo").conversation
+        assert list(conversation.understood) == ["t1"]
+        hall.see(1.0)
+        hall.runner.advance(hall.clock.now() + nanoseconds(conversation.policy.forget_s))
+    assert not conversation.understood
+
+
+@pytest.mark.parametrize(
+    ("question", "answered"),
+    [
+        ("What was the last thing you said?", f'12 seconds ago I said "{OFFER}".'),
+        ("What did I say?", "Sorry, I did not understand."),  # nothing before the question
+    ],
+)
+def test_answers_about_what_was_said(question, answered):
+    with Hall() as hall:
+        hall.see(20.0, "t1")
+        said = len(hall.said)
+        hall.hear("t1", question)
+        hall.see(4.0, "t1")
+    assert hall.said[said] == answered
 
 
 def test_statements_are_not_taken_for_questions():

@@ -9,8 +9,8 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 from socialbot.runs.asking import _answers, answer, asking_back, chosen_option, is_asked
 from tests.runs.asking.waldo_run import two_visitors
 
-UNCLEAR = "Was anybody helped twice?"
-OPTIONS = ("whether I offered person t1 help", "how often I offered person t1 help")
+UNCLEAR = "What about the first visitor?"
+OPTIONS = ("what I did at 2.2 s", "what I said at 2.2 s")
 
 
 @pytest.fixture(scope="module")
@@ -18,16 +18,15 @@ def run():
     return two_visitors()
 
 
-def test_the_closest_readings_are_offered_with_their_answers(run, monkeypatch):
-    monkeypatch.setattr(_answers, "SURE", 1.0)
+def test_the_closest_readings_are_offered_with_their_answers(run):
     found = answer(run, UNCLEAR)
     assert not found.known
     assert not found.clauses
     assert found.text == f"Do you ask {OPTIONS[0]}, or {OPTIONS[1]}?"
     assert tuple(each.question for each in found.options) == OPTIONS
     assert [each.text for each in found.options] == [
-        "Yes: at 10.2 s I offered person t1 help.",
-        "Once: at 10.2 s I offered person t1 help.",
+        "At 2.2 s I greeted person t1.",
+        'At 2.2 s I said "Hello! Nice to see you.".',
     ]
     for each in found.options:
         assert each.known

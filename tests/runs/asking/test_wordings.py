@@ -215,6 +215,11 @@ def test_silence_towards_a_person_is_a_deed_left_undone(waldo):
     "question",
     [
         "Can you greet t2 now?",
+        "Could you help t2?",
+        "Please greet t2.",
+        "Kannst du t2 begrüßen?",
+        "Peux-tu saluer t2 ?",
+        "¿Puedes saludar a t2?",
         "Help me!",
         "Did t1 like your help?",
         "What did t2 want?",

@@ -159,7 +159,7 @@ ENGLISH = Language(
         "but": "but,and,while,whereas,yet",
         "rather": "rather than,instead of,as opposed to,in place of",
         "event after": "after,as soon as,once,since,following,subsequent to,upon",
-        "event before": "before,until,prior to",
+        "event before": "before,until,prior to,and then,and afterwards,and after that",
         "event when": "when,while,the moment,at the moment,as,in response to,in reaction to",
         "comes": "come,came,arrive,enter,appear,approach,show,turn,walk,return",
         "leaves": "leave,left,go,went,gone,disappear,vanish,depart,departed,away,off",
@@ -176,6 +176,14 @@ ENGLISH = Language(
         "why not": "why not",
         "complement": (
             "whether,if,true that,case that,correct that,right that,sure that,certain that,fact that,think that"
+        ),
+        "times": (
+            "once,twice,thrice,again,once more,one more time,more than once,several times,many times,multiple times,"
+            "repeatedly,another time,every time,each time,all the time,always,number of times,a few times"
+        ),
+        "others": (
+            "else,other than,besides,apart from,aside from,except,except for,only,solely,nobody but,no one but,most,"
+            "most of,everything,exclusively"
         ),
         "filler": (
             "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"

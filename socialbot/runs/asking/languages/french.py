@@ -20,7 +20,7 @@ FRENCH = Language(
         "how_often": "combien de fois,a quelle frequence",
         "how_many": "combien de,combien,nombre de",
         "unanswerable": "ou,quel age,quelle couleur,a qui,comment,combien coute",
-        "not": "pas,jamais,aucun,aucune,oublie,omis,refuse,sans",
+        "not": "n as,n avez,n a,n ont,n ai,pas,jamais,aucun,aucune,oublie,omis,refuse,sans",
         "see": (
             "vois,voyez,voir,vu,vue,vues,vus,voyais,apercois,remarque,apercu,devant toi,devant vous,visible,observes,"
             "observe,camera"
@@ -75,7 +75,7 @@ FRENCH = Language(
         "but": "mais,et,tandis que,alors que",
         "rather": "plutot que,au lieu de,et pas,mais pas,et non",
         "event after": "apres que,des que,une fois que",
-        "event before": "avant que,avant de,jusqu a ce que",
+        "event before": "avant que,avant de,avant d,jusqu a ce que,et puis,et ensuite",
         "event when": "quand,lorsque,lorsqu,pendant que,au moment ou",
         "comes": "venu,venue,venus,arrive,arrivee,arrives,entre,entree,apparu,apparue,vient,arrivait,arriva",
         "leaves": "parti,partie,partis,part,partait,sorti,sortie,disparu,disparue,quitte",
@@ -89,6 +89,14 @@ FRENCH = Language(
         "which": "quel,quelle,quels,quelles",
         "why not": "pourquoi pas",
         "complement": "si,vrai que,exact que,sur que",
+        "times": (
+            "deux fois,trois fois,plusieurs fois,une fois,une seule fois,plus d une fois,encore,de nouveau,a nouveau,"
+            "encore une fois,chaque fois,toujours,une autre fois"
+        ),
+        "others": (
+            "d autre,d autres,autre,autres,a part,sauf,excepte,hormis,en dehors de,seulement,uniquement,seul,seule,"
+            "la plupart,tout sauf"
+        ),
         "filler": (
             "recu,recois,obtenu,moment,euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"

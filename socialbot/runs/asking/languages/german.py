@@ -86,7 +86,7 @@ GERMAN = Language(
         "but": "aber,und,wahrend,doch,jedoch",
         "rather": "statt,anstatt,anstelle von,und nicht,aber nicht",
         "event after": "nachdem,sobald,nach dem",
-        "event before": "bevor,ehe,bis",
+        "event before": "bevor,ehe,bis,und dann,und danach",
         "event when": "als,wenn,wahrend",
         "comes": "kam,kamen,kommt,gekommen,ankam,erschien,erschienen,auftauchte,hereinkam,eintrat",
         "leaves": "ging,gingen,geht,gegangen,wegging,verschwand,verschwunden,verliess,verlassen,weg,fort",
@@ -100,6 +100,14 @@ GERMAN = Language(
         "which": "welcher,welches,welchen,welche,welchem",
         "why not": "warum nicht,wieso nicht",
         "complement": "ob,stimmt es dass,wahr dass,richtig dass,sicher dass",
+        "times": (
+            "einmal,zweimal,dreimal,viermal,mehrmals,mehrfach,ofter,wieder,nochmal,nochmals,noch mal,erneut,immer,"
+            "jedes mal,jedesmal,stets,mehrere male"
+        ),
+        "others": (
+            "sonst,sonst noch,anderen,andere,anderem,ausser,nur,ausschliesslich,lediglich,bloss,abgesehen von,"
+            "die meisten,den meisten,alles,niemanden ausser"
+        ),
         "filler": (
             "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
             "stattgefunden,eigentlich,genau,ausgerechnet,moment,zeitpunkt,fall,"

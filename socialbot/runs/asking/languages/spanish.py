@@ -69,7 +69,7 @@ SPANISH = Language(
         "but": "pero,y,mientras que",
         "rather": "en vez de,en lugar de,y no,pero no",
         "event after": "despues de que,en cuanto,una vez que,tan pronto como",
-        "event before": "antes de que,antes de,hasta que",
+        "event before": "antes de que,antes de,hasta que,y luego,y despues",
         "event when": "cuando,mientras,al momento en que",
         "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
         "leaves": "fue,fueron,marcho,marcharon,salio,salieron,desaparecio,irse,ido",
@@ -83,6 +83,14 @@ SPANISH = Language(
         "which": "cual,cuales",
         "why not": "por que no",
         "complement": "si,verdad que,cierto que,seguro que",
+        "times": (
+            "una vez,dos veces,tres veces,varias veces,muchas veces,otra vez,de nuevo,nuevamente,una sola vez,"
+            "mas de una vez,cada vez,siempre,repetidamente"
+        ),
+        "others": (
+            "alguien mas,nadie mas,otra,otro,otros,otras,aparte de,ademas de,excepto,salvo,menos a,solo,solamente,"
+            "unicamente,la mayoria"
+        ),
         "filler": (
             "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
