@@ -61,11 +61,13 @@ class Condition:
         belief: Name of the belief, or a literal such as ``personDetected("No")``.
         held: Sentences for the time at which it was held.
         lacked: Sentences for the time at which it was not.
+        ended: Sentences for the time at which it ended.
     """
 
     belief: str
     held: Sentences = field(default_factory=dict)
     lacked: Sentences = field(default_factory=dict)
+    ended: Sentences = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -139,6 +139,36 @@ VOCABULARY = Vocabulary(
             },
         ),
         Condition(
+            "comes",
+            held={
+                "en": ("you were walking up to me", "{person} was walking up to me"),
+                "de": ("du bist auf mich zugekommen", "{person} ist auf mich zugekommen"),
+                "fr": ("vous veniez vers moi", "{person} venait vers moi"),
+                "es": ("te acercabas a mí", "{person} se acercaba a mí"),
+            },
+            ended={
+                "en": ("you were no longer walking up to me", "{person} was no longer walking up to me"),
+                "de": ("du bist nicht mehr auf mich zugekommen", "{person} ist nicht mehr auf mich zugekommen"),
+                "fr": ("vous ne veniez plus vers moi", "{person} ne venait plus vers moi"),
+                "es": ("ya no te acercabas a mí", "{person} ya no se acercaba a mí"),
+            },
+        ),
+        Condition(
+            "converses",
+            held={
+                "en": ("you were talking with somebody", "{person} was talking with somebody"),
+                "de": ("du hast dich mit jemandem unterhalten", "{person} hat sich mit jemandem unterhalten"),
+                "fr": ("vous parliez avec quelqu'un", "{person} parlait avec quelqu'un"),
+                "es": ("hablabas con alguien", "{person} hablaba con alguien"),
+            },
+            ended={
+                "en": ("you were no longer talking with others", "{person} was no longer talking with others"),
+                "de": ("du hast dich nicht mehr unterhalten", "{person} hat sich nicht mehr unterhalten"),
+                "fr": ("vous ne parliez plus avec les autres", "{person} ne parlait plus avec les autres"),
+                "es": ("ya no hablabas con los demás", "{person} ya no hablaba con los demás"),
+            },
+        ),
+        Condition(
             "stays",
             held={
                 "en": ("you had been here for {present} s", "{person} had been here for {present} s"),

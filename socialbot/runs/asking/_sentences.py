@@ -359,6 +359,9 @@ class Speech:
         text = clause.sentence()
         if self.is_single and clause.subject and text.startswith(clause.subject):
             text = f"I{text[len(clause.subject) :]}"
+        condition = self._condition(record.what) if record.kind == "unbelief" else None
+        if condition is not None:
+            text = self._declared(condition.ended, self._persons(record.what)) or text
         return Clause(text, (record.id,), Claim(kind, record.source, (record.what,), seconds))
 
 

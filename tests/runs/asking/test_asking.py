@@ -7,7 +7,7 @@ from socialbot.core.errors import ParameterError
 from socialbot.runs.asking import Answer, answer
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
-from tests.runs.asking.waldo_run import two_visitors
+from tests.runs.asking.waldo_run import person, run_of, two_visitors
 from tests.runs.deliberating_runs import DETOUR, GRAPH
 
 
@@ -432,3 +432,27 @@ def test_an_unknown_agent_is_refused(waldo):
 
 def test_a_run_without_records():
     assert not answer(RunView(None, History(), None), "Why did you greet me?").known
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("Why did you greet t2?", "I greeted person t2 because person t2 was no longer walking up to me."),
+        ("Warum hast du t2 begrüßt?", "ich habe Person t2 begrüßt, denn Person t2 ist nicht mehr auf mich zugekommen."),
+        ("¿Por qué saludaste a t2?", "saludé a la persona t2 porque la persona t2 ya no se acercaba a mí."),
+    ],
+)
+def test_the_end_of_a_belief_is_a_reason_in_words(question: str, text: str) -> None:
+    """A person comes who may only pass, since another one is attended to: the greeting waits until they stop."""
+    run = run_of(
+        lambda at: [
+            person("t1", 2.0, bearing_rad=0.3),
+            *([person("t2", max(2.0, 6.0 - 1.2 * (at - 4.0)), bearing_rad=-0.2)] if at > 4.0 else []),
+        ],
+        9.0,
+    )
+    found = answer(run, question)
+    assert found.text.endswith(text)
+    record = run.history.find(found.clauses[1].records[0])
+    assert record is not None
+    assert (record.kind, record.what) == ("unbelief", 'comes("t2")')

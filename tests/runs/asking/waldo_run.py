@@ -1,6 +1,8 @@
-"""Waldo with two visitors: t1 stays for 12 s and is offered help, t2 leaves after 5 s."""
+"""Runs of Waldo with people whom a test describes."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, PersonDetections
@@ -11,24 +13,35 @@ from socialbot.runtime.run import observed_topics
 from tests.runs.runs import DETECTED, START
 
 VISITS = {"t1": (2.0, 14.0), "t2": (20.0, 25.0)}
-END_S = 30.0
 
 
-def two_visitors() -> LiveRun:
-    """Return the run."""
+def person(name: str, distance_m: float, *, bearing_rad: float | None = None) -> PersonDetection:
+    """Return the detection of a person who faces the robot."""
+    return PersonDetection(
+        x=100, y=50, w=80, h=200, score=0.9, track_id=name, distance_m=distance_m, bearing_rad=bearing_rad,
+        facing_rad=0.2,
+    )  # fmt: skip
+
+
+def run_of(seen: Callable[[float], Iterable[PersonDetection]], end_s: float) -> LiveRun:
+    """Return the run of Waldo who sees these people, by the time (s), in ten frames a second."""
     graph = parse_graph(DETECTED, where="waldo_run.py")
     run, runner = LiveRun(graph), InlineRunner(graph, start=START)
     for topic in observed_topics(graph):
         runner.tap(topic, run.observe)
     runner.start()
-    for tenth in range(int(END_S * 10)):
-        persons = tuple(
-            PersonDetection(x=100, y=50, w=80, h=200, score=0.9, track_id=name, distance_m=4.0, facing_rad=0.2)
-            for name, (begin, end) in VISITS.items()
-            if begin <= tenth / 10 < end
-        )
-        stamp = START + tenth * SECOND // 10
+    for tenth in range(int(end_s * 10)):
+        stamp, persons = START + tenth * SECOND // 10, tuple(seen(tenth / 10))
         frame = PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=persons)
         runner.feed("/humans/bodies/detections", frame)
     runner.close()
     return run
+
+
+def two_visitors() -> LiveRun:
+    """Return a run with two visitors: t1 stays for 12 s and is offered help, t2 leaves after 5 s."""
+
+    def seen(at_s: float) -> Iterable[PersonDetection]:
+        return (person(name, 4.0) for name, (begin, end) in VISITS.items() if begin <= at_s < end)
+
+    return run_of(seen, 30.0)
