@@ -57,7 +57,7 @@ class AdaptiveSubscription:
         publishers = publishers_of(self.ros, self.name)
         qos = matching_qos(publishers, self.depth)
         if qos == self._qos or (not publishers and self._subscription is not None):
-            if self._watched is not None and (reason := self._watched.fault()):
+            if self._watched is not None and (reason := self._watched.fault(expects_publishers=bool(publishers))):
                 log.warning("%s: subscribed again: %s", self.name, reason)
                 self._watched.replace()
             return

@@ -8,13 +8,14 @@ message on when it has both, and refuses it otherwise.
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, StreamKey
+from socialbot.bridge.stream_watch import COPIES_S, LOST_S, MAX_STREAMS, StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
@@ -52,11 +53,10 @@ class MessageWatch:
 
     Attributes:
         clock: Steady clock (s).
-        overlaps: Whether a subscription and its successor both deliver at the moment.
     """
 
     clock: Callable[[], float] = time.monotonic
-    overlaps: bool = field(default=False, init=False)
+    _copies_until: float = field(default=-math.inf, init=False)
     _missed_at: dict[StreamKey, float] = field(default_factory=dict, init=False)
     """Time of the first seal of a stream that came without a message."""
     _missed: dict[StreamKey, tuple[float, float, int]] = field(default_factory=dict, init=False)
@@ -89,10 +89,15 @@ class MessageWatch:
 
     def begin_again(self) -> None:
         self._missed_at.clear()
-        self.overlaps = True
+        self._copies_until = math.inf
 
     def end_overlap(self) -> None:
-        self.overlaps = False
+        self._copies_until = self.clock() + COPIES_S
+
+    @property
+    def expects_copies(self) -> bool:
+        """Whether messages may arrive again: a subscription and its successor have delivered them."""
+        return self.clock() < self._copies_until
 
 
 @dataclass(frozen=True)
@@ -140,7 +145,7 @@ class SealMatcher:
             if seal.digest == name:
                 self._deliver(seal, cdr, info)
                 return
-        if self.watch.overlaps and (
+        if self.watch.expects_copies and (
             name in self._delivered or any(name == waiting for _, waiting, *_ in self._waiting)
         ):
             return

@@ -27,6 +27,8 @@ CHECK_S = 1.0
 """Shortest time (s) between two checks."""
 OVERLAP_S = BEACON_S
 """Time (s) whose messages the new of two subscriptions must all have received: each publisher sends one."""
+COPIES_S = SILENT_S
+"""Time (s) after a replaced subscription has ended in which copies of what it delivered may still be queued."""
 LOST_S = SILENT_S + BEACON_S
 """Time (s) for which the same number of publishers must be missing: so long that a replacement would have helped."""
 MAX_STREAMS = 256
@@ -47,11 +49,11 @@ class Watch(Protocol):
         ...
 
     def begin_again(self) -> None:
-        """Forget what arrived: the subscription is replaced. Messages may arrive twice until `end_overlap`."""
+        """Forget what arrived: the subscription is replaced. Messages may arrive again for some time."""
         ...
 
     def end_overlap(self) -> None:
-        """Expect no more messages of the replaced subscription."""
+        """Note that the replaced subscription has ended."""
         ...
 
 
@@ -64,14 +66,13 @@ class StreamWatch:
         keeps_all: Whether the queue is long enough for all; else only beacons show that messages did not arrive.
         has_foreign: Whether publishers without keys are no fault: only publishers that were heard before are expected.
         clock: Steady clock (s).
-        overlaps: Whether a subscription and its successor both deliver at the moment.
     """
 
     expects_all: bool = True
     keeps_all: bool = True
     has_foreign: bool = False
     clock: Callable[[], float] = time.monotonic
-    overlaps: bool = field(default=False, init=False)
+    _copies_until: float = field(default=-math.inf, init=False)
     _heard: dict[StreamKey, tuple[float, int]] = field(default_factory=dict, init=False)
     _lost: int = field(default=0, init=False)
     _losses: tuple[float, float] | None = field(default=None, init=False)
@@ -119,10 +120,15 @@ class StreamWatch:
     def begin_again(self) -> None:
         self._heard.clear()
         self._lost, self._losses = 0, None
-        self.overlaps = True
+        self._copies_until = math.inf
 
     def end_overlap(self) -> None:
-        self.overlaps = False
+        self._copies_until = self.clock() + COPIES_S
+
+    @property
+    def expects_copies(self) -> bool:
+        """Whether messages may arrive again: a subscription and its successor have delivered them."""
+        return self.clock() < self._copies_until
 
 
 Note = Callable[[Any], None]
@@ -185,8 +191,11 @@ class WatchedSubscription:
         replaced = 0 if self._replaced is None else self._replaced[0].get_publisher_count()
         return max(self._subscription.get_publisher_count(), replaced)
 
-    def fault(self) -> str:
-        """Reason to replace the subscription now; empty if there is none, or it is too early."""
+    def fault(self, *, expects_publishers: bool = False) -> str:
+        """Reason to replace the subscription now; empty if there is none, or it is too early.
+
+        To match no publisher is one if it ``expects_publishers``.
+        """
         now = self._clock()
         if self._destroyed or now - self._checked < CHECK_S:
             return ""
@@ -195,7 +204,8 @@ class WatchedSubscription:
         before, self._publishers = self._publishers, self.get_publisher_count()
         if self._publishers > before:
             self._since = now
-        reason = self._watch.fault(self._publishers) if self._publishers else ""
+        deaf = "no publisher is matched" if expects_publishers else ""
+        reason = self._watch.fault(self._publishers) if self._publishers else deaf
         if not reason:
             self._pause_s = SILENT_S
         return reason if now - self._since >= self._pause_s else ""

@@ -11,6 +11,7 @@ from socialbot.bridge import detached_seals
 from socialbot.bridge.detached_seals import MAX_SEALS, MAX_WAITING, SealMatcher, digest, padded
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.security import Seal, Stream
+from socialbot.bridge.stream_watch import COPIES_S
 from socialbot.core.clock import SECOND
 
 TOPIC = "/camera/image_raw"
@@ -164,6 +165,7 @@ def test_memory_is_bounded_in_a_flood(receiving, stream, monkeypatch):
 
 def test_a_replaced_subscription_and_its_successor_deliver_a_message_once(receiving, stream):
     matcher = receiving.matcher
+    matcher.opener.watch.clock = matcher.clock
     seals = [stream.seal(digest(cdr)) for cdr in (b"one", b"two")]
     matcher.take_seal(seals[0])
     matcher.take_message(b"one")
@@ -177,10 +179,13 @@ def test_a_replaced_subscription_and_its_successor_deliver_a_message_once(receiv
     assert (receiving.got, receiving.refused) == ([b"one", b"two"], [])
     for watch in (matcher.watch, matcher.opener.watch):
         watch.end_overlap()
-    matcher.take_seal(seals[1])
-    matcher.take_message(b"two")
-    matcher.close()
-    assert (receiving.got, receiving.refused) == ([b"one", b"two"], ["replayed", "unsealed"])
+    for again in range(2):
+        matcher.take_seal(seals[1])
+        matcher.take_message(b"two")
+        matcher.close()
+        assert receiving.refused == again * ["replayed", "unsealed"], "copies may have waited in the queue"
+        receiving.now += COPIES_S
+    assert receiving.got == [b"one", b"two"]
 
 
 def test_knows_which_publishers_messages_do_not_arrive(keys, receiving, stream):

@@ -29,6 +29,7 @@ from socialbot.bridge.security import (
     Stream,
     read,
 )
+from socialbot.bridge.stream_watch import COPIES_S
 from socialbot.cli.key import key
 from socialbot.core.clock import SECOND
 
@@ -508,6 +509,8 @@ def test_a_beacon_is_recorded_and_is_no_message():
 
 def test_a_forged_or_replayed_beacon_does_not_count():
     sender, late, receiver = stream(), stream(at=NOW - 3 * SECOND), opener()
+    steady = [0.0]
+    receiver.watch.clock = lambda: steady[0]
     text = sender.beacon()
     for broken in (text.replace('"number":0', '"number":1'), text.replace(TOPIC, "/other")):
         with pytest.raises(SealError):
@@ -520,6 +523,8 @@ def test_a_forged_or_replayed_beacon_does_not_count():
         with pytest.raises(SealError, match=why):
             receiver.open(broken)
     receiver.watch.end_overlap()
+    assert receiver.open(text) is None  # it waited in the queue
+    steady[0] += COPIES_S
     with pytest.raises(SealError, match="replayed"):
         receiver.open(text)
     assert receiver.watch.fault(1) == "1 of 1 publishers are silent"

@@ -9,6 +9,7 @@ import pytest
 from socialbot.bridge.detached_seals import LOST_MATCHED_S, LOST_MESSAGES, MISSING_S, MessageWatch
 from socialbot.bridge.stream_watch import (
     CHECK_S,
+    COPIES_S,
     LOST_S,
     MAX_PAUSE_S,
     MAX_STREAMS,
@@ -266,6 +267,20 @@ class TestWatchedSubscription:
         watch.note(ROBOT, 1, is_beacon=False)
         assert faults(subscription, time, 10.0) == [SILENT_S + CHECK_S]
 
+    def test_a_subscription_that_matches_none_of_its_publishers_is_replaced_again(self, subscription, ros, time):
+        """As after a change of the quality of service: the old one, which heard, has ended."""
+        subscription.replace(may_fail=False)
+        ros.publishers = 0
+        replaced = []
+        for second in range(40):
+            time.passes(CHECK_S)
+            if subscription.fault(expects_publishers=True):
+                subscription.replace()
+                replaced.append(second + 1)
+        assert replaced[0] == MAX_PAUSE_S
+        assert len(replaced) == 3
+        assert subscription.fault() == ""
+
     def test_without_publishers_silence_is_no_fault(self, subscription, ros, time):
         ros.publishers = 0
         assert faults(subscription, time, 30.0) == []
@@ -294,7 +309,7 @@ class TestWatchedSubscription:
                 new.arrives(f"robot {number}")
             time.passes(CHECK_S)
             subscription.fault()
-            assert (ros.present, watch.overlaps) == ([old, new], True)
+            assert (ros.present, watch.expects_copies) == ([old, new], True)
         checks = 0
         while len(ros.present) == 2:
             for each in (old, new):
@@ -303,17 +318,21 @@ class TestWatchedSubscription:
             subscription.fault()
             checks += 1
         assert checks == (CHECK_S + OVERLAP_S) / CHECK_S
-        assert (ros.present, watch.overlaps) == ([new], False)
+        assert (ros.present, watch.expects_copies) == ([new], True)
+        time.passes(COPIES_S)
+        assert not watch.expects_copies
 
     def test_a_new_one_that_hears_less_is_given_up(self, subscription, ros, watch, time):
         subscription.replace()
         old, new = ros.present
         for number in range(round(MAX_PAUSE_S / CHECK_S)):
-            assert (ros.present, watch.overlaps) == ([old, new], True)
+            assert (ros.present, watch.expects_copies) == ([old, new], True)
             old.arrives(b"robot %d" % number)
             time.passes(CHECK_S)
             subscription.fault()
-        assert (ros.present, watch.overlaps) == ([old], False)
+        assert (ros.present, watch.expects_copies) == ([old], True)
+        time.passes(COPIES_S)
+        assert not watch.expects_copies
         subscription.replace()
         assert len(ros.present) == 2
 
