@@ -9,23 +9,13 @@ from typing import NamedTuple
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.asking._words import stem
+from socialbot.runs.asking.languages.synonyms import stems_of_state
 
 LEAST_FIT = 0.5
 """Least share of the words of a belief's name that a question has to have."""
 
 _PLACES = {"in", "at", "on", "upon", "position", "location", "located", "place", "room"}
 """Words in the names of beliefs about places, which answer "where"."""
-_SAME = {
-    "charge": {"full", "empty", "low", "power", "energy", "battery", "charge", "charged", "level"},
-    "battery": {"battery", "power", "energy"},
-    "holding": {"hold", "holding", "carry", "carrying", "held"},
-    "cleaned": {"clean", "cleaned", "tidy", "dirty"},
-    "present": {"there", "present", "here"},
-    "gone": {"gone", "left", "away"},
-    "speaks": {"speak", "speaks", "spoke", "language"},
-    "people": {"people", "persons", "visitors"},
-}
-"""Words of questions for words in the names of beliefs, beside the same word."""
 
 
 class AskedBelief(NamedTuple):
@@ -48,7 +38,7 @@ def asked_beliefs(reading: Reading, subjects: Subjects) -> Iterator[AskedBelief]
         places: set[int] = set()
         matched = 0
         for part in parts:
-            known = {stem(word) for word in _SAME.get(part, {part})}
+            known = stems_of_state(part, reading.language.code)
             own = {place for place, word in stems.items() if word in known}
             matched += bool(own)
             places |= own

@@ -61,6 +61,8 @@ def faults(folder, found) -> list[str]:
         ("How full was the battery at 3 s?", "At 3 s I believed battery_charge(ann, 90).", ["full"]),
         ("How full was the battery at 7 s?", "At 7 s I believed battery_charge(ann, 40).", ["low"]),
         ("What was the battery level?", "At 20 s I believed battery_charge(ann, 40).", ["low"]),
+        ("Wie voll war der Akku bei 3 s?", "Bei 3 s: ich glaubte battery_charge(ann, 90).", ["full"]),
+        ("¿Cómo de llena estaba la batería a los 7 s?", "A los 7 s yo creía battery_charge(ann, 40).", ["low"]),
         ("Where were you at 1 s?", "At 1 s I believed at(ann, dock).", ["docked"]),
         ("Where did you believe you were at 10 s?", "At 10 s I believed at(ann, hall).", ["arrived"]),
     ],

@@ -148,6 +148,68 @@ def acts_of(said: Sequence[str]) -> frozenset[Phrase]:
     )
 
 
+_STATES: Mapping[str, str] = {
+    "en": """
+        charge: full, empty, low, power, energy, battery, charged, level
+        battery: power, energy
+        hold: carry, carrying, held
+        clean: tidy, dirty
+        present: there, here
+        gone: left, away
+        speak: spoke, language
+        people: persons, visitors
+    """,
+    "de": """
+        charge: voll, leer, geladen, ladung, akku, batterie, strom, ladestand
+        battery: batterie, akku, strom
+        hold: halten, haltst, hielt, hieltst, gehalten, tragst, getragen
+        clean: sauber, schmutzig, dreckig, geputzt, gereinigt
+        open: offen, geoffnet, auf
+        door: tur
+        present: da, hier, anwesend
+        gone: weg, fort, gegangen
+        speak: spricht, sprach, sprache
+        people: leute, personen, besucher
+    """,
+    "fr": """
+        charge: pleine, plein, vide, chargee, batterie, energie, niveau
+        battery: batterie, energie
+        hold: tenais, tenait, tenir, tenu, portais, portait
+        clean: propre, sale, nettoye, nettoyee
+        open: ouvert, ouverte
+        door: porte
+        present: la, ici, present, presente
+        gone: parti, partie
+        speak: parle, parlait, langue
+        people: gens, personnes, visiteurs
+    """,
+    "es": """
+        charge: llena, lleno, vacia, cargada, bateria, energia, nivel
+        battery: bateria, energia
+        hold: sostenias, sostenia, llevabas, llevaba, tenias
+        clean: limpio, limpia, sucio, sucia
+        open: abierto, abierta
+        door: puerta
+        present: aqui, alli, presente
+        gone: ido, marchado
+        speak: habla, hablaba, idioma, lengua
+        people: gente, personas, visitantes
+    """,
+}
+"""Words of questions, behind a word in the names of beliefs, which are English."""
+
+
+@cache
+def _states(language: str) -> Mapping[str, frozenset[str]]:
+    lines = (line.partition(":") for line in _STATES.get(language, "").splitlines() if line.strip())
+    return {stem(name.strip()): frozenset(stem(word.strip()) for word in words.split(",")) for name, _, words in lines}
+
+
+def stems_of_state(name: str, language: str) -> frozenset[str]:
+    """Return stems of the words of questions for a word in the name of a belief, beside the same word."""
+    return _states(language).get(stem(name), frozenset()) | {stem(name)}
+
+
 @cache
 def _groups(language: str) -> tuple[frozenset[Phrase], ...]:
     lines = (line.strip() for line in _GROUPS.get(language, "").replace(",\n", ",").splitlines())
