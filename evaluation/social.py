@@ -17,7 +17,7 @@ import numpy as np
 import typer
 
 from evaluation.report import JobsOption, JsonOption, QuickOption, Report, run, run_all
-from evaluation.social_policies import POLICIES, parties
+from evaluation.social_policies import POLICIES, load_py_trees, parties
 from evaluation.social_rules import Said, Score, score, totals
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message, RosMessage, Utterance
@@ -167,6 +167,7 @@ def main(
     size: SizeOption = SIZE,
 ) -> None:
     """Social competence of Waldo and three baselines, scored from the ground truth of a simulated foyer."""
+    load_py_trees()  # before the first run
     seeds = range(first, first + (count or (QUICK_SCHEDULES if quick else SCHEDULES)))
     outcomes = play_all(seeds, perception, jobs, size)
     report = Report("Social competence", quick)

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from socialbot.core.clock import SECOND
+from socialbot.core.errors import InstallationError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import HeadCommand, PersonDetection, PersonDetections, Utterance
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Input, Output, Parameter
@@ -16,6 +18,14 @@ from socialbot.graph.ports import Input, Output, Parameter
 RANGE_M, STAYS_S, GONE_S = 6.0, 8.0, 2.5
 """Waldo's range, time until help is offered, and time until a person counts as gone."""
 FACES_RAD, NEAR_M, PRESENT_S = 1.0, 4.5, 0.5
+
+
+def load_py_trees() -> Any:
+    """Import py_trees. Raises InstallationError."""
+    try:
+        return importlib.import_module("py_trees")
+    except ImportError as error:
+        raise InstallationError(f"py_trees is not installed ({error})", remedy=extra_command("bench")) from error
 
 
 class Policy(Node):
@@ -124,7 +134,7 @@ class BehaviourTree(Policy):
     """The same actions from a behaviour tree of py_trees: offer, else greet, else follow, else idle."""
 
     def prepare(self) -> None:
-        trees = importlib.import_module("py_trees")
+        trees = load_py_trees()
         sequence, selector = trees.composites.Sequence, trees.composites.Selector
 
         def leaf(name: str, works: Callable[[], bool]) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from evaluation.social import TREE, WALDO, graph_of, main, play
 from evaluation.social_policies import GreetOnSight, parties
 from evaluation.social_rules import IN_TIME_S, MOST_JERK, Said, Score, score, visits_of
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import CompressedImage, Message
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
@@ -172,3 +174,9 @@ def test_a_glance_is_no_stare(crowd):
 
 def test_the_worst_jerk_costs_no_more_than_its_criterion():
     assert Score(jerks=[100 * MOST_JERK]).points() == Score(jerks=[MOST_JERK]).points()
+
+
+def test_without_py_trees_nothing_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "py_trees", None)
+    with pytest.raises(InstallationError, match="py_trees is not installed"):
+        main(quick=True)
