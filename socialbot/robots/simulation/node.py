@@ -27,6 +27,7 @@ from socialbot.robots.simulation.place import load_place, place_names
 from socialbot.robots.simulation.posture import pose
 from socialbot.robots.simulation.scene import Scene
 from socialbot.robots.simulation.schedules import Schedule
+from socialbot.robots.simulation.sensor import ImageSensor
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, Watcher, truth_frame
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
@@ -174,6 +175,8 @@ class SimulatedPlace(Node):
     pictures = Parameter(True, "whether images are drawn; without them, only the truth is published", fixed=True)
     shadows = Parameter(False, "whether a lamp casts shadows, at half the speed", fixed=True)
     quality = Parameter(85, "JPEG quality", minimum=10, maximum=100, fixed=True)
+    noise = Parameter(0.0, "noise of the camera at mid-grey, grey levels", minimum=0.0, maximum=50.0, fixed=True)
+    blur_px = Parameter(0.0, "blur of the lens, standard deviation, px", minimum=0.0, maximum=20.0, fixed=True)
     head = Parameter(
         "commanded",
         "what moves the head: commands, nothing, or a sweep",
@@ -188,6 +191,7 @@ class SimulatedPlace(Node):
         self.crowd = Crowd(script, load_place(script.place), seed=self.seed)
         self._figures = {each: figure(looks) for each, looks in self.crowd.looks.items()}
         self._watcher = Watcher(self.crowd.place, self._figures)
+        self._sensor = ImageSensor(noise=self.noise, blur_px=self.blur_px, seed=self.seed)
         self._duration = self.duration_s or self.crowd.duration
         self._types = RosbagsTypes()
         self._begin_at(self.clock.now())
@@ -318,6 +322,7 @@ class SimulatedPlace(Node):
         for name in self.crowd.motions:
             self.scene.put(name, frames.get(name))
         self.scene.turn(pan, tilt)
-        picture = cv2.cvtColor(self.scene.picture(), cv2.COLOR_RGB2BGR)
+        drawn = cv2.cvtColor(self.scene.picture(), cv2.COLOR_RGB2BGR)
+        picture = self._sensor.expose(drawn, now - self._begin)
         data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].reshape(-1)
         self.image.publish(CompressedImage(stamp=now, frame_id=FRAME_ID, format="jpeg", data=data))

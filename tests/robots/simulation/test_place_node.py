@@ -182,6 +182,19 @@ def test_the_same_seed_gives_the_same_bytes():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("noise", "unlike"), [(2.0, True), (0.0, False)])
+def test_only_noise_tells_the_pictures_of_an_empty_place_apart(noise, unlike):
+    found = messages(0.2, people=0, width=160, height=120, duration_s=1.0, noise=noise)
+    first, second, *_ = (
+        bgr_from_compressed(image)
+        for image in found["/camera/image_raw/compressed"]
+        if isinstance(image, CompressedImage)
+    )
+    assert bool((first != second).mean() > 0.2) == unlike
+    assert np.abs(first.astype(int) - second).max() < 40
+
+
+@pytest.mark.slow
 def test_the_default_detector_finds_the_drawn_people():
     found = messages(30, people=8, seed=2, duration_s=30.0, width=320, height=240, rate_hz=1.0)
     spec = DETECTORS["nanodet"]
