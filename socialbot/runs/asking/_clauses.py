@@ -20,6 +20,7 @@ _HEARSAY = {
     "claim", "claims", "bet", "reckon", "understand", "understood", "noticed", "saw", "gather",
 }  # fmt: skip
 _TAGS = ("true", "correct", "right")
+_CLOSELY = {"right", "just", "immediately", "directly", "shortly", "soon"}
 _MOST_WORDS = 8
 """Most words of a contrast."""
 
@@ -140,7 +141,11 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))
                 begin = next(asks, next(iter(begins), None))
                 if begin is not None:
-                    return Parts(tuple(rest[begin:]), event=tuple(rest[:begin]), relation=relation)
+                    main = list(rest[begin:])
+                    if relation == "when" and len(main) > 2 and (main[-1],) in language.phrases["event after"]:
+                        relation = "after"  # "When t2 left, what did you do right after?"
+                        main = main[:-2] if main[-2] in _CLOSELY else main[:-1]
+                    return Parts(tuple(main), event=tuple(rest[:begin]), relation=relation)
     return None
 
 

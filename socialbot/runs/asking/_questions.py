@@ -124,6 +124,7 @@ class Question:
         event: Question about the event that tells the time: ``after t2 had left``.
         unknown: Its words that nothing explains.
         verb: Its verb, if nothing explains it.
+        is_alternative: Whether it offers alternatives: ``before or after``.
         quantity: Whether it asks how many ``times`` a deed was done (twice, again), or to which ``others`` (else).
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
@@ -155,6 +156,7 @@ class Question:
     event: Event | None = None
     unknown: tuple[str, ...] = ()
     verb: str = ""
+    is_alternative: bool = False
     quantity: Quantity = ""
     is_synonym: bool = False
     thing_kind: str = ""
@@ -261,7 +263,7 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Yield readings of the whole, of its main clause beside a contrast or an event, and the one that refuses it."""
     whole = _found(words, subjects, language)
-    if _names_nothing(whole.reading, subjects):
+    if _names_nothing(whole.reading, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
         return
     yield from _combined(whole, quoted, subjects)
@@ -287,7 +289,8 @@ def _candidates(
             event = _event(split, other, each.question, subjects)
             if event is not None:
                 left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
-                yield replace(each, question=replace(each.question, event=event), left_over=left)
+                asked = replace(each.question, event=event, is_alternative=whole.question.is_alternative)
+                yield replace(each, question=asked, left_over=left)
     yield Candidate(whole.question, whole, None, 0)
 
 
@@ -296,6 +299,12 @@ def _names_nothing(reading: Reading, subjects: Subjects) -> bool:
     words = reading.words
     pairs = ((words[place - 1], words[place]) for place in reading.free() if place)
     return any(kind in subjects.kinds and (len(part) == 1 or part.isdigit()) for kind, part in pairs)
+
+
+def _is_hypothetical(words: Sequence[str], language: Language) -> bool:
+    """Return whether a question is about what did not happen: ``what if``; no record tells that."""
+    asked = language.phrases["hypothetical"]
+    return any(tuple(words[n : n + len(one)]) == one for one in asked for n in range(len(words)))
 
 
 def _places_of(found: Found) -> Set[int]:
@@ -347,6 +356,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
+        is_alternative=any((word,) in language.phrases["or"] for word in words),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
@@ -359,7 +369,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
 
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
-    for deed in (each for each in found.deeds if not _is_another(each, found)):
+    for deed in (each for each in found.deeds if not _is_another(each, found) and not _has_other_object(each, found)):
         asked = _kinds(found, deed)
         unknown = [place for place in found.reading.free() if place not in deed.places]
         for agent, things in _roles(found, deed.topic, subjects):
@@ -417,6 +427,16 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     if verb in deed.places:
         return _has_other_particle(words[verb : verb + 3], verb + 1 in deed.places)
     return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)
+
+
+def _has_other_object(deed: NamedDeed, found: Found) -> bool:
+    """Return whether a noun behind the verb names something that no record has: ``clean the garage``."""
+    words, verb = found.reading.words, found.verb
+    if verb is None or verb not in deed.places or words[verb + 1 : verb + 2] != ["the"] or found.question.person:
+        return False
+    noun = verb + 2
+    is_last = noun + 1 == len(words) or words[noun + 1] in found.reading.language.known_words
+    return noun in found.reading.free() and noun not in deed.places and is_last and len(words[noun]) > 2
 
 
 def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
@@ -576,6 +596,8 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     quantities = {word for name in ("times", "others") for one in reading.language.phrases[name] for word in one}
     while end > begin + 1 and (words[end - 1] in _BEFORE_ADDRESSEE or words[end - 1] in quantities):
         end -= 1
+    if any(reading.language.phrases[name].count((words[begin],)) for name in INTERROGATIVES if begin < len(words)):
+        return (), set()  # "Did you say where the library is?" does not quote
     names = {word for name in found.question.things for word in tokens(name)}
     while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Literal
@@ -341,6 +342,15 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
         else:
             reading.found.setdefault("named", []).append((1.0, places))
             reading.found.setdefault(f"person {name}", []).append((1.0, places))
+    tails = Counter(tuple(phrase[1:]) for phrase, kind, _ in named if kind != "person")
+    short = {phrase[1:]: name for phrase, kind, name in named if kind == "thing" and tails[phrase[1:]] == 1}
+    for n in range(len(words) - 1):
+        name, places = short.get((words[n], words[n + 1])), {n, n + 1}
+        is_written = words[n + 1].isdigit() and words[n + 2 : n + 3] != ["th"] and (
+            not words[n + 2 : n + 3] or words[n + 2] not in reading.language.units)  # fmt: skip
+        if name is not None and is_written and not reading.taken & places:
+            reading.taken |= places  # "b1" is box_b1
+            things[name] = words[n - 1] if n else ""
     deeds = {stem(word) for topic in subjects.topics for phrase in topic.loose for word in phrase}
     for name, phrases in subjects.agent_words().items():
         for n, word in enumerate(words):

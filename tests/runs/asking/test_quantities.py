@@ -87,5 +87,23 @@ def test_several_people_and_the_order_of_deeds(run, question, text):
     assert answer(run, question).text.lower() == text.lower()
 
 
+def test_alternatives_are_answered_without_yes_and_no(run):
+    found = answer(run, "Was t2 greeted before or after you offered help?")
+    assert found.text.startswith("At ")
+    assert [clause.claim.kind for clause in found.clauses] == ["did", "did"]
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "What if t2 had stayed longer?", "Would you have helped t2?", "What would happen if nobody came?",
+        "Was wäre passiert, wenn t2 geblieben wäre?", "Que se serait-il passé si t2 était resté ?",
+        "¿Qué habrías hecho sin t1?",
+    ],
+)  # fmt: skip
+def test_what_did_not_happen_is_not_known(run, question):
+    assert not answer(run, question).known
+
+
 def test_words_that_were_said_are_counted_and_not_denied(run):
     assert answer(run, "Did you say hello twice?").text.startswith("2 times: ")

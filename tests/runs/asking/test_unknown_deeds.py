@@ -181,3 +181,17 @@ def test_ordinary_verbs_resemble_their_own_forms_only(word, known):
 )
 def test_verbs_with_another_verb_or_noun_are_understood(waldo, question):
     assert "at 2.2 s I greeted person t1" in answer(waldo, question).text
+
+
+@pytest.mark.parametrize(
+    "question", ["Why did you pick up the suitcase?", "Did you pick up the suitcase?", "When did you unload the lorry?"]
+)
+def test_a_noun_that_no_record_has_is_not_taken_for_another_thing(yard, question):
+    assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s"), [("When did you pick up a1?", 0), ("When did you put a1 on the carrier?", 1)]
+)
+def test_the_end_of_a_name_names_a_thing(yard, question, at_s):
+    assert [clause.claim.at_s for clause in answer(yard, question).clauses] == [at_s]

@@ -87,7 +87,7 @@ ENGLISH = Language(
         "outcome": (
             "end,ended,ends,finish,finished,succeed,succeeded,success,successful,successfully,complete,completed,outcome,"
             "result,go well,went well,work out,worked out,according to plan,accomplish,accomplished,achieve,achieved,"
-            "over,break down,broke down"
+            "over,break down,broke down,come to an end,came to an end"
         ),
         "fail": (
             "go wrong,goes wrong,went wrong,gone wrong,going wrong,fail,failed,failure,failures,problem,problems,"
@@ -184,6 +184,9 @@ ENGLISH = Language(
         "others": (
             "else,other than,besides,apart from,aside from,except,except for,only,solely,nobody but,no one but,most,"
             "most of,everything,exclusively"
+        ),
+        "hypothetical": (
+            "what if,would have,would you have,would happen,would have happened,would you do if,should have,could have"
         ),
         "filler": (
             "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"

@@ -97,6 +97,7 @@ FRENCH = Language(
             "d autre,d autres,autre,autres,a part,sauf,excepte,hormis,en dehors de,seulement,uniquement,seul,seule,"
             "la plupart,tout sauf"
         ),
+        "hypothetical": "et si,que ferais tu,que feriez vous,aurais tu,auriez vous,se passerait il,serait il passe",
         "filler": (
             "recu,recois,obtenu,moment,euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"

@@ -108,6 +108,9 @@ GERMAN = Language(
             "sonst,sonst noch,anderen,andere,anderem,ausser,nur,ausschliesslich,lediglich,bloss,abgesehen von,"
             "die meisten,den meisten,alles,niemanden ausser"
         ),
+        "hypothetical": (
+            "was ware,was wenn,ware passiert,was hattest du,wurdest du tun,wurde passieren,hatte passieren konnen"
+        ),
         "filler": (
             "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
             "stattgefunden,eigentlich,genau,ausgerechnet,moment,zeitpunkt,fall,"

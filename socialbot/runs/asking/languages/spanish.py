@@ -91,6 +91,7 @@ SPANISH = Language(
             "alguien mas,nadie mas,otra,otro,otros,otras,aparte de,ademas de,excepto,salvo,menos a,solo,solamente,"
             "unicamente,la mayoria"
         ),
+        "hypothetical": "y si,que pasaria,que habria,que habrias,habrias,que harias,hubiera",
         "filler": (
             "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"

@@ -26,7 +26,7 @@ _GROUPS: Mapping[str, str] = {
         drop, let fall, let go of, lose hold of
         move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return,
             reach, get to, get round to, get around to, pull out, pull away, take off, roll out, set out, get going,
-            relocate, cruise, make way to, take to, been to, been in
+            relocate, cruise, make way to, take to, been to, been in, leave
         unload, discharge, empty, offload, unpack, dump, drop off, get rid of
         call, request, summon, order, beckon, send for, call for, ask for, ask to come,
             ask over, call over, call in, bring in, page, req, tell to come, get to come, make come,
