@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection
 from typing import Any
 
@@ -13,6 +14,9 @@ QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.FRESH: 10, Del
 
 LEAST_DEPTH = 10
 """Least history depth of a subscription. With less, messages of several publishers or of one moment are lost."""
+
+SEALED_DEPTH = 1000
+"""History depth of subscriptions to sealed texts: invalid messages of strangers push no valid one out for a moment."""
 
 OBSERVER_DEPTH = 2000  # history depth of an observer, which may fall behind on many topics
 
@@ -36,6 +40,13 @@ def subscription_qos(delivery: Delivery, *, outside: bool = False) -> Any:
     undemanding = outside and delivery is not Delivery.EVERY
     latched = delivery is Delivery.LATCHED and not undemanding
     return profile(max(LEAST_DEPTH, QUEUE_DEPTH[delivery]), reliable=not undemanding, latched=latched)
+
+
+def sealed_qos(qos: Any) -> Any:
+    """Return a profile of a subscription with the depth for sealed texts."""
+    made = copy.copy(qos)
+    made.depth = max(SEALED_DEPTH, qos.depth)
+    return made
 
 
 def observer_qos(*, latched: bool) -> Any:

@@ -34,7 +34,7 @@ from socialbot.bridge.environment import (
     ros_domain,
     ros_remedy,
 )
-from socialbot.bridge.qos import QUEUE_DEPTH, profile, publisher_qos, subscription_qos
+from socialbot.bridge.qos import QUEUE_DEPTH, SEALED_DEPTH, profile, publisher_qos, sealed_qos, subscription_qos
 from socialbot.bridge.stream_watch import BEACON_S, Note, Watch, WatchedSubscription, noting, replace_faulty
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
@@ -289,6 +289,7 @@ class Transport:
 
             receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
             receiver.opener.watch.keeps_all = qos.depth >= QUEUE_DEPTH[Delivery.EVERY]
+            qos = sealed_qos(qos)
         return Listener(
             self.watched(
                 ros,
@@ -315,7 +316,7 @@ class Transport:
             return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
         from socialbot.bridge.detached_seals import seal_topic
 
-        seal_qos = profile(QUEUE_DEPTH[Delivery.EVERY], latched=latched)
+        seal_qos = profile(SEALED_DEPTH, latched=latched)
 
         def messages(note: Note) -> Any:
             return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, raw=True)

@@ -20,8 +20,10 @@ from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsSubscribe
 from socialbot.bridge.environment import free_domain, spinning_node
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import Keys, load_keys, new_key
+from socialbot.bridge.qos import QUEUE_DEPTH, subscription_qos
 from socialbot.bridge.security import SCHEMA, Stream
 from socialbot.bridge.topics import list_topics, observer_node, publish_once
+from socialbot.bridge.wait_sets import OneThreadExecutor
 from socialbot.core.messages import HeadCommand, Structured, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.graph.health import HEALTH_TOPIC
@@ -242,6 +244,37 @@ def test_a_graph_with_keys_has_no_other_endpoints(keys: Keys, monkeypatch: pytes
         assert eventually(
             lambda: all(name.endswith("/get_type_description") for name, _ in ros.get_service_names_and_types())
         )
+
+
+@pytest.mark.parametrize("delivery", [Delivery.EVERY, Delivery.NEWEST])
+def test_invalid_messages_push_no_other_out_of_the_queue(delivery: Delivery, keys: Keys) -> None:
+    """A process that does not get to take messages for a moment finds the valid one among hundreds of others."""
+    heard: list[str] = []
+    with spinning_node("sender") as outside, observer_node() as ros:
+        transport = wires.open_transport()
+        sender = transport.advertise(outside, TOPIC, Utterance, delivery=delivery)
+        stranger = Stranger(outside, delivery=delivery)
+        kept = transport.subscribe(
+            ros, TOPIC, Utterance, lambda one: heard.append(one.text), qos=subscription_qos(delivery)
+        )
+        publishers = (sender.publisher, stranger.publisher)
+        assert eventually(lambda: all(each.get_subscription_count() >= 2 for each in publishers))
+        sender.publish(Utterance(stamp=1, id="1", text="valid"))
+        for number in range(500):
+            stranger.say(f"invalid {number}")
+            time.sleep(0.0005)
+        executor = OneThreadExecutor(context=ros.context)
+        executor.add_node(ros)
+
+        def all_arrived() -> bool:
+            for _ in range(100):
+                executor.spin_once(timeout_sec=0.0)
+            return heard == ["valid"] and kept.refused > 2 * QUEUE_DEPTH[Delivery.EVERY]  # the stranger may lose some
+
+        try:
+            assert eventually(all_arrived, 10.0), (heard, kept.refused)
+        finally:
+            executor.shutdown()
 
 
 @pytest.mark.slow
