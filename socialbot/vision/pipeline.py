@@ -15,6 +15,7 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
+from socialbot.vision._occlusion import feet_are_hidden, with_hidden_side
 from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.appearance import looks_of
 from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose
@@ -43,8 +44,6 @@ from socialbot.vision.tracking import Track, Tracker
 from socialbot.vision.whereabouts import FloorPoint, LastSeen
 
 TRACKERS = ("kalman", "none")
-# A person occludes another one who shares this part of their width and whose box ends higher by this share.
-_HIDING, _NEARER = 0.5, 0.1
 _WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
 # Shares of people whose feet are hidden, among those with a wide box, and those behind another person. Detectors mostly
 # guess the feet of the latter.
@@ -96,7 +95,8 @@ class TrackState:
 class PersonPipeline:
     """Detects and tracks the people in the images of one camera.
 
-    Boxes of people with hidden feet are extended to the floor, if the pose of the camera fits the people seen so far.
+    Boxes of people with a hidden side are extended behind the person who hides it. Those with hidden feet are extended
+    to the floor, if the pose of the camera fits the people seen so far.
 
     Args:
         spec: Description of the detector, with its score thresholds.
@@ -296,7 +296,7 @@ class PersonPipeline:
         for track in tracks:
             _, _, w, h = track.box
             wide = not (track.cut.top or track.cut.bottom) and w > _WIDEST * h
-            behind = not track.cut.bottom and _behind(track.box, boxes)
+            behind = not track.cut.bottom and feet_are_hidden(track.box, boxes)
             if track.id:
                 self._known[track.id].hidden = _HIDDEN_LEGS if wide else _HIDDEN_BEHIND if behind else HIDDEN_SHARE
             marked.append(replace(track, feet_hidden=True) if wide or behind else track)
@@ -312,7 +312,10 @@ class PersonPipeline:
             boxes = [tuple(tracks[number].box.tolist()) for number in seen]
             expected = [self._expected(tracks[number], stamp_ns, camera) for number in seen]
             ranged = dict(zip(seen, measure_people(depth, camera, boxes, expected), strict=True))
-        return tuple(self._person(track, stamp_ns, camera, ranged.get(number)) for number, track in enumerate(tracks))
+        shown = np.array([track.box for track in tracks]).reshape(-1, 4)
+        return tuple(
+            self._person(track, stamp_ns, camera, ranged.get(number), shown) for number, track in enumerate(tracks)
+        )
 
     def _expected(self, track: Track, stamp_ns: int, camera: CameraModel) -> Estimate | None:
         """Distance of a person from the last depth, or else from the image."""
@@ -325,7 +328,9 @@ class PersonPipeline:
         seen = measure(camera, tuple(track.box.tolist()), stature, track.cut, hidden=hidden)
         return seen and seen.distance
 
-    def _person(self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None) -> PersonDetection:
+    def _person(
+        self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None, shown: np.ndarray
+    ) -> PersonDetection:
         x, y, w, h = box = tuple(track.box.tolist())
         if track.id:
             distance, height_m, posture = self._followed(track, box, stamp_ns, camera, ranged)
@@ -337,6 +342,8 @@ class PersonPipeline:
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
         if track.feet_hidden and distance is not None and self._is_pose_trusted():
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
+        if self.tracker is not None and not (track.cut.left or track.cut.right):
+            x, w = with_hidden_side(track.box, h, shown)
         attention = self._known[track.id].attention if track.id else Attention()
         if track.id and distance is not None and not track.unseen_s:
             direction = bearing + (camera.yaw_rad or 0.0)
@@ -432,12 +439,3 @@ def _is_known(pose: CameraPose) -> bool:
 def _touched(box: np.ndarray, others: np.ndarray) -> bool:
     """Whether one of ``others`` (n, 4) overlaps ``box``, so that its edges are less certain."""
     return bool((shared_area(box, others) > _TOUCHING * box[2] * box[3]).any())
-
-
-def _behind(box: np.ndarray, others: np.ndarray) -> bool:
-    """Whether one of ``others`` (n, 4) occludes the lower end of ``box``."""
-    right, bottom = others[:, 0] + others[:, 2], others[:, 1] + others[:, 3]
-    end = box[1] + box[3]
-    shared = np.minimum(box[0] + box[2], right) - np.maximum(box[0], others[:, 0])
-    nearer = (others[:, 1] < end) & (bottom > end + _NEARER * box[3])
-    return bool((nearer & (shared > _HIDING * box[2])).any())

@@ -366,6 +366,16 @@ def test_occluded_person_is_extended_to_the_floor():
     assert hidden.h == pytest.approx(h, rel=0.15)
 
 
+@pytest.mark.parametrize(("tracker", "share"), [("kalman", 1.0), ("none", 0.4)])
+def test_half_hidden_person_is_extended_behind_the_nearer_one(tracker, share):
+    rig = Rig(tracker=tracker)
+    x, y, w, h = box_of(CAMERA, 5.0, 0.0)
+    near = (x + 0.4 * w, y - 40, 2 * w, h + 120)
+    _, strip = rig.repeat(5, (near, 0.9), ((x, y, 0.4 * w, h), 0.7))
+    assert (strip.x, strip.y) == (pytest.approx(x), pytest.approx(y))
+    assert strip.w == pytest.approx(share * w, rel=0.15)
+
+
 def extended(pose: CameraPose, *seen: tuple[float, float, float, float]) -> bool:
     """Whether the box of an occluded person is extended to the floor after an image of the boxes ``seen``."""
     rig, camera = Rig(), CAMERA.at(pose)
