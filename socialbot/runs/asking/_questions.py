@@ -31,7 +31,14 @@ from socialbot.runs.asking._references import (
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
+from socialbot.runs.asking._word_classes import (
+    classify,
+    guess_interrogative,
+    places_of_class,
+    tells,
+    tells_exactly,
+    words_of_deeds,
+)
 from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 from socialbot.runs.asking.languages.synonyms import synonyms
@@ -124,7 +131,8 @@ class Question:
         event: Question about the event that tells the time: ``after t2 had left``.
         unknown: Its words that nothing explains.
         verb: Its verb, if nothing explains it.
-        is_alternative: Whether it offers alternatives: ``before or after``.
+        is_open: Whether a deed does not decide it: it offers alternatives, ``before or after``, or asks for more than
+            records tell, such as ``together``, ``too late`` or ``because``.
         quantity: Whether it asks how many ``times`` a deed was done (twice, again), or to which ``others`` (else).
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
@@ -156,7 +164,7 @@ class Question:
     event: Event | None = None
     unknown: tuple[str, ...] = ()
     verb: str = ""
-    is_alternative: bool = False
+    is_open: bool = False
     quantity: Quantity = ""
     is_synonym: bool = False
     thing_kind: str = ""
@@ -276,7 +284,8 @@ def _candidates(
         left = len(other.reading.free())
         if contrast.person is not None or contrast.things or not split.is_denied:
             for each in _combined(main, quoted, subjects):
-                yield replace(each, question=replace(each.question, contrast=contrast), left_over=left)
+                asked = replace(each.question, contrast=contrast, is_open=whole.question.is_open)
+                yield replace(each, question=asked, left_over=left)
         elif contrast.topics:
             # "Why did t1 get a greeting, but no help?" asks about the help.
             for each in _combined(main, quoted, subjects):
@@ -289,7 +298,7 @@ def _candidates(
             event = _event(split, other, each.question, subjects)
             if event is not None:
                 left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
-                asked = replace(each.question, event=event, is_alternative=whole.question.is_alternative)
+                asked = replace(each.question, event=event, is_open=whole.question.is_open)
                 yield replace(each, question=asked, left_over=left)
     yield Candidate(whole.question, whole, None, 0)
 
@@ -303,8 +312,7 @@ def _names_nothing(reading: Reading, subjects: Subjects) -> bool:
 
 def _is_hypothetical(words: Sequence[str], language: Language) -> bool:
     """Return whether a question is about what did not happen: ``what if``; no record tells that."""
-    asked = language.phrases["hypothetical"]
-    return any(tuple(words[n : n + len(one)]) == one for one in asked for n in range(len(words)))
+    return tells_exactly(words, language, "hypothetical")
 
 
 def _places_of(found: Found) -> Set[int]:
@@ -356,7 +364,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
-        is_alternative=any((word,) in language.phrases["or"] for word in words),
+        is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),

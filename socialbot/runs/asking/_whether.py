@@ -89,7 +89,7 @@ class Whether(Scope):
     def _did(self) -> Told | None:
         """Return whether a deed was done, with yes or no only if the records decide it.
 
-        Neither answers a negative question, "Did you never greet t1?", or one with alternatives without ambiguity.
+        Neither answers a negative question, "Did you never greet t1?", or an open one without ambiguity.
         """
         if self.topic is None:
             return self._did_say()
@@ -100,7 +100,7 @@ class Whether(Scope):
         if found is None:
             return None
         is_done, told, clauses = found
-        if is_done is None or self.question.is_negative or self.question.is_alternative:
+        if is_done is None or self.question.is_negative or self.question.is_open:
             return told, clauses
         return f"{self.speech.say('yes' if is_done is not self.question.is_opposite else 'no')}: {told}", clauses
 

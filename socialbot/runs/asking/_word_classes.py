@@ -51,7 +51,7 @@ _EXACT = 0.999
 _PARTS = (
     "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
     "comes", "leaves", "waits", "auxiliary",
-    "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical",
+    "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical", "qualified",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _VERBS = {"see", "do", "say", "here", "plan"}
@@ -154,6 +154,11 @@ def _drop_nouns(reading: Reading) -> None:
 def tells(words: Sequence[str], language: Language, name: str) -> bool:
     """Return whether a phrase of a class occurs, in any form of its words."""
     return bool(places_of_class(words, language, name))
+
+
+def tells_exactly(words: Sequence[str], language: Language, name: str) -> bool:
+    """Return whether a phrase of a class occurs in these very words."""
+    return any(tuple(words[n : n + len(one)]) == one for one in language.phrases[name] for n in range(len(words)))
 
 
 def places_of_class(words: Sequence[str], language: Language, name: str) -> set[int]:

@@ -87,6 +87,19 @@ def test_several_people_and_the_order_of_deeds(run, question, text):
     assert answer(run, question).text.lower() == text.lower()
 
 
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did you greet t1 and t2 together?", "Did you greet t1 and t2 at the same time?", "Did you greet t1 too late?",
+        "Did you greet t2 earlier than t1?", "Did you greet t1 instead of t2?", "Did you greet t1 because t2 left?",
+        "Did you greet a woman?", "Hast du t1 und t2 gleichzeitig begrüßt?", "As-tu salué t1 trop tard ?",
+        "¿Saludaste a t1 porque t2 se fue?",
+    ],
+)  # fmt: skip
+def test_more_than_the_records_tell_gets_no_yes_and_no(run, question):
+    assert not answer(run, question).text.startswith(("Yes", "No:", "Ja", "Nein", "Oui", "Non", "Sí"))
+
+
 def test_alternatives_are_answered_without_yes_and_no(run):
     found = answer(run, "Was t2 greeted before or after you offered help?")
     assert found.text.startswith("At ")

@@ -188,6 +188,12 @@ ENGLISH = Language(
         "hypothetical": (
             "what if,would have,would you have,would happen,would have happened,would you do if,should have,could have"
         ),
+        "qualified": (
+            "because,in order to,so that,together,at the same time,simultaneously,sooner,earlier,later,than,"
+            "instead of,rather than,too late,too early,too soon,too long,too often,in time,on time,hardly,"
+            "almost,nearly,barely,immediately,at once,by mistake,stop,a woman,a man,a child,a girl,a boy,"
+            "a lady,a kid,women,men,children,kids,in english,in german,in french,in spanish"
+        ),
         "filler": (
             "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"
             "decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,"

@@ -98,6 +98,11 @@ FRENCH = Language(
             "la plupart,tout sauf"
         ),
         "hypothetical": "et si,que ferais tu,que feriez vous,aurais tu,auriez vous,se passerait il,serait il passe",
+        "qualified": (
+            "parce que,ensemble,en meme temps,plus tot,plus tard,au lieu de,plutot que,trop tard,trop tot,"
+            "a temps,presque,a peine,tout de suite,par erreur,afin de,une femme,un homme,un enfant,femmes,"
+            "hommes,enfants,en francais,en anglais"
+        ),
         "filler": (
             "recu,recois,obtenu,moment,euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"

@@ -111,6 +111,11 @@ GERMAN = Language(
         "hypothetical": (
             "was ware,was wenn,ware passiert,was hattest du,wurdest du tun,wurde passieren,hatte passieren konnen"
         ),
+        "qualified": (
+            "weil,zusammen,gleichzeitig,fruher,spater,eher,statt,anstatt,zu spat,zu fruh,zu lange,zu oft,"
+            "rechtzeitig,kaum,fast,beinahe,sofort,aus versehen,um zu,eine frau,einen mann,ein kind,frauen,"
+            "manner,kinder,auf deutsch,auf englisch"
+        ),
         "filler": (
             "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
             "stattgefunden,eigentlich,genau,ausgerechnet,moment,zeitpunkt,fall,"

@@ -92,6 +92,11 @@ SPANISH = Language(
             "unicamente,la mayoria"
         ),
         "hypothetical": "y si,que pasaria,que habria,que habrias,habrias,que harias,hubiera",
+        "qualified": (
+            "porque,juntos,juntas,al mismo tiempo,a la vez,antes que,mas tarde,en vez de,en lugar de,"
+            "demasiado,a tiempo,casi,apenas,enseguida,por error,a una mujer,a un hombre,a un nino,mujeres,"
+            "hombres,ninos,en espanol,en ingles"
+        ),
         "filler": (
             "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
