@@ -90,7 +90,7 @@ def sweep(
     objectives = _names(pareto, MEASURES, 2, "--pareto")
     numbers = _names(compare, None, 2, "--compare")
     plan = SweepPlan(bags, variations, graph, expect, method, samples, seed, jobs, scheduler)
-    folder = out or Path("sweeps") / new_run_folder().name
+    folder = out or new_run_folder(Path("sweeps"))
     console = Console(highlight=False)
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import itertools
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -260,9 +262,33 @@ def run(
     return result
 
 
-def new_run_folder() -> Path:
-    """Return a folder below runs/ named by the local time."""
-    return Path("runs") / datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+def new_run_folder(parent: Path = Path("runs")) -> Path:
+    """Make a folder named by the local time, and return it; runs that begin in the same second get a number, too.
+
+    It is removed at the end of the process if nothing was written. If it cannot be made, the record of a run says so.
+    """
+    name, is_first = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S"), not parent.exists()
+    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    folder = parent / next(names)
+    with suppress(OSError):
+        while not _made(folder):
+            folder = parent / next(names)
+        atexit.register(_remove_empty, [folder.absolute(), *([parent.absolute()] if is_first else [])])
+    return folder
+
+
+def _made(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[str, type[Message]]:
