@@ -167,7 +167,8 @@ def main(
     size: SizeOption = SIZE,
 ) -> None:
     """Social competence of Waldo and three baselines, scored from the ground truth of a simulated foyer."""
-    load_py_trees()  # before the first run
+    size_of(size)
+    load_py_trees()  # Both are checked before the first run.
     seeds = range(first, first + (count or (QUICK_SCHEDULES if quick else SCHEDULES)))
     outcomes = play_all(seeds, perception, jobs, size)
     report = Report("Social competence", quick)

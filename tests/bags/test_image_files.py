@@ -102,8 +102,11 @@ def test_a_video_of_huge_frames_is_refused(tmp_path: Path) -> None:
     open_video(small).release()
     with pytest.raises(ImageError, match="more than 34 million pixels"):
         open_video(large)
-    with pytest.raises(ImageError, match="cannot be opened"):
+    with pytest.raises(ImageError, match="No such file"):
         open_video(tmp_path / "none.avi")
+    (tmp_path / "text.avi").write_text("no video")
+    with pytest.raises(ImageError, match="cannot be opened"):
+        open_video(tmp_path / "text.avi")
 
 
 def jpeg_of_scans(scans: int) -> bytes:
