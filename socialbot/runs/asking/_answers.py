@@ -81,7 +81,8 @@ def answer(
     place, probability = shares[0]
     confidence = round(probability, 3)
     known = [(answers[n], share) for n, share in shares if answers[n].known and not found[n].question.has_unknown_name]
-    options = offered(known, SURE)
+    asked_at_s = _asked_at_s(run, at_s) if spoken else None
+    options = offered(known, SURE, asked_at_s)
     if probability >= SURE and not options:
         return msgspec.structs.replace(answers[place], confidence=confidence)
     question = replace(found[place].question, kind=None)
@@ -131,9 +132,14 @@ def answered(
     spoken: bool = False,
 ) -> Answer:
     """Return the answer to a question as it was understood."""
-    end_s = run.history.seconds(run.end) if len(run.history) else 0.0
-    now_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
+    now_s = _asked_at_s(run, at_s)
     return _Answering(run, facts, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
+
+
+def _asked_at_s(run: RunView, at_s: float | None) -> float:
+    """Return the time (s) of a question in a run: by default its end."""
+    end_s = run.history.seconds(run.end) if len(run.history) else 0.0
+    return end_s if at_s is None else min(max(0.0, at_s), end_s)
 
 
 def _occurs(deed: Deed, history: History) -> bool:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import msgspec
 
-from socialbot.runs.asking._sentences import Answer, number
+from socialbot.runs.asking._sentences import Answer, time_in_words
 from socialbot.runs.asking._words import tokens
+from socialbot.runs.asking.languages import ENGLISH
 
 LEAST = 0.12
 """Least probability of a reading that is offered."""
@@ -44,7 +45,7 @@ _BESIDE = {
 """Words that a reply may have, too."""
 
 
-def offered(answers: Sequence[tuple[Answer, float]], sure: float) -> list[Answer]:
+def offered(answers: Sequence[tuple[Answer, float]], sure: float, asked_at_s: float | None = None) -> list[Answer]:
     """Return the answers to the readings to ask back with, each with its reading as an indirect question.
 
     There are none if the question is understood or hopeless.
@@ -52,6 +53,7 @@ def offered(answers: Sequence[tuple[Answer, float]], sure: float) -> list[Answer
     Args:
         answers: Different answers that are known, with the probabilities of their readings, the most likely one first.
         sure: Probability from which on the best one is understood.
+        asked_at_s: Time of a spoken question, to tell times as "9 seconds ago"; None: as "at 3.6 s".
     """
     if not answers or answers[0][0].language != "en":
         return []
@@ -64,8 +66,8 @@ def offered(answers: Sequence[tuple[Answer, float]], sure: float) -> list[Answer
         return []
     found: dict[str, Answer] = {}
     for one, share in likely:
-        text = _indirect(one)
-        text = _timed(text, one) if text in found else text
+        text = _indirect(one, asked_at_s)
+        text = _timed(text, one, asked_at_s) if text in found else text
         if text not in found:
             found[text] = msgspec.structs.replace(one, question=text, confidence=round(share, 3))
     return list(found.values())
@@ -103,7 +105,7 @@ def chosen_option(options: Sequence[str], reply: str) -> int:
     return numbered[0] if is_reply else 0
 
 
-def _indirect(one: Answer) -> str:
+def _indirect(one: Answer, asked_at_s: float | None) -> str:
     """Return the question that is answered, as in ``why I greeted you``."""
     claims = [each for each in one.clauses if each.claim.kind in ("did", "did_not", "said", "said_not", "wanted")]
     if one.intent in _DEEDS and claims:
@@ -115,9 +117,9 @@ def _indirect(one: Answer) -> str:
     if one.intent == "believed":
         return f"whether {_TIME.sub('', one.clauses[0].text)}"
     text = _STATES[one.intent]
-    return _timed(text, one) if one.intent in ("see", "said", "doing", "next") else text
+    return _timed(text, one, asked_at_s) if one.intent in ("see", "said", "doing", "next") else text
 
 
-def _timed(text: str, one: Answer) -> str:
+def _timed(text: str, one: Answer, asked_at_s: float | None) -> str:
     at_s = one.clauses[0].claim.at_s
-    return text if at_s is None else f"{text} at {number(at_s)} s"
+    return text if at_s is None else f"{text} {time_in_words(at_s, asked_at_s, ENGLISH.sentences)}"

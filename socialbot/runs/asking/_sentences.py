@@ -89,6 +89,14 @@ def number(value: float) -> str:
     return f"{round(value, 1):g}"
 
 
+def time_in_words(seconds: float, asked_at_s: float | None, sentences: Mapping[str, str]) -> str:
+    """Return a time in words: from the start of the run, or back from the time of the question if that is given."""
+    if asked_at_s is None or seconds > asked_at_s:
+        return sentences["at"].format(at=number(seconds))
+    ago = round(asked_at_s - seconds)
+    return sentences["ago"].format(ago=ago) if ago > 1 else sentences["just_now"]
+
+
 def infinitive(sentence: str) -> str:
     """Put a sentence without subject, such as ``goes to room1``, into the infinitive."""
     verb, space, rest = sentence.partition(" ")
@@ -158,10 +166,7 @@ class Speech:
 
     def when(self, seconds: float) -> str:
         """Return a time in words: from the start of the run, or back from the question."""
-        if self.asked_at_s is None or seconds > self.asked_at_s:
-            return self.say("at", at=number(seconds))
-        ago = round(self.asked_at_s - seconds)
-        return self.say("ago", ago=ago) if ago > 1 else self.say("just_now")
+        return time_in_words(seconds, self.asked_at_s, self.fixed)
 
     def _declared(self, sentences: Sentences, persons: Sequence[str], nobody: str = "somebody") -> str | None:
         pair = sentences.get(self.language)

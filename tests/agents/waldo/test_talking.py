@@ -270,8 +270,8 @@ def test_a_question_that_is_not_clear_is_asked_back(reply, told):
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)
         hall.see(4.0, "t1")
-        assert hall.said[-1] == "Do you ask what I did at 0.5 s, or what I said at 0.5 s?"
-        options = '["what I did at 0.5 s", "what I said at 0.5 s"]'
+        assert hall.said[-1] == "Do you ask what I did 16 seconds ago, or what I said 16 seconds ago?"
+        options = '["what I did 16 seconds ago", "what I said 16 seconds ago"]'
         assert f'heard("t1", "unclear", {options})' in hall.believes()
         assert 'asked("t1", "clarify")' in hall.believes()
         hall.hear("t1", reply)

@@ -34,6 +34,12 @@ def test_the_closest_readings_are_offered_with_their_answers(run):
         assert all(run.history.find(record) is not None for clause in each.clauses for record in clause.records)
 
 
+def test_times_are_asked_aloud_as_people_say_them(run):
+    found = answer(run, UNCLEAR, spoken=True)
+    assert found.text == "Do you ask what I did 28 seconds ago, or what I said 28 seconds ago?"
+    assert chosen_option([each.question for each in found.options], "what you said") == 2
+
+
 @pytest.mark.parametrize(
     "text", ["Why did you greet t1?", "Why did you greet t9?", "purple elephants", "When was the room 7 empty?", ""]
 )
