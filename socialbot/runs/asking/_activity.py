@@ -10,6 +10,8 @@ from socialbot.runs.asking._facts import near
 from socialbot.runs.asking._questions import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
 from socialbot.runs.asking._sentences import Claim, Clause
+from socialbot.runs.asking._words import stem
+from socialbot.runs.asking.languages import ENGLISH
 from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.why import call_of
 
@@ -50,6 +52,18 @@ def heard(scope: Scope) -> Told | None:
             each for each in scope.subjects.deeds if each.kind == "utterance" and found[0] in scope.history.before(each)
         )
         clauses += [scope.speech.did(each, None) for each in [next(replies, None)] if each is not None]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def heard_as(scope: Scope) -> Told | None:
+    """Return what people said that was understood as the deed in question: no record tells what else they did."""
+    assert scope.topic is not None
+    phrases = scope.topic.words.get(ENGLISH.code, ()) + scope.topic.loose
+    words = {stem(word) for phrase in phrases for word in phrase}
+    told = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
+    told = [each for each in told if not scope.persons or each.detail.get("person") in scope.persons]
+    found = [each for each in told if words.intersection(map(stem, scope.facts.intents(each)))]
+    clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
     return (scope.joined(clauses), clauses) if clauses else None
 
 

@@ -12,7 +12,7 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
-from socialbot.runs.asking._activity import ahead, doing, failed, heard, said
+from socialbot.runs.asking._activity import ahead, doing, failed, heard, heard_as, said
 from socialbot.runs.asking._beliefs import believed, ended
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
@@ -165,9 +165,12 @@ class _Answering(Whether):
         is_about_nobody = question.person is not None and self.topic is not None and not self.topic.concerns_people
         if (question.event is not None and self.event_s is None) or self.persons == [NOBODY] or is_about_nobody:
             return self._unknown(text, self.speech.say("not_recorded"))
-        found = self._contrasted(
-            _TOLD[question.kind](self) if question.kind in _TOLD else getattr(self, f"_{question.kind}")()
-        )
+        if question.by_people:
+            found = heard_as(self)
+        else:
+            found = self._contrasted(
+                _TOLD[question.kind](self) if question.kind in _TOLD else getattr(self, f"_{question.kind}")()
+            )
         if found is None:
             return self._unknown(text, self.speech.say("not_recorded"))
         return self._made(text, *found)

@@ -136,6 +136,12 @@ class Facts:
                 break
         return last
 
+    def intents(self, hearing: TraceRecord) -> list[str]:
+        """Return what an utterance of a person was understood as: the intents of the beliefs that came from it."""
+        percepts = [each for each in self.history.effects(hearing) if each.kind == "percept"]
+        beliefs = [one for each in (hearing, *percepts) for one in self.history.effects(each) if one.kind == "belief"]
+        return [one[1] for each in beliefs if len(one := arguments_of(each.what)) > 1]
+
     @cached_property
     def failures(self) -> list[TraceRecord]:
         """Failures of goals and actions."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
+from socialbot.runs.asking._doer import is_done_by_people
 from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
 from socialbot.runs.asking._named_beliefs import asked_beliefs
 from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
@@ -138,6 +139,7 @@ class Question:
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
         belief: Name of the belief that it asks for.
         asks_when: Whether it asks since when something was believed.
+        by_people: Whether people do the deed, and not the robot: ``Did t1 greet you?``.
     """
 
     kind: Kind | None
@@ -170,6 +172,7 @@ class Question:
     thing_kind: str = ""
     belief: str = ""
     asks_when: bool = False
+    by_people: bool = False
 
     @property
     def has_unknown_name(self) -> bool:
@@ -235,7 +238,9 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
         return []
     codes = [language] if language in LANGUAGES else list(LANGUAGES)
     known = {code: LANGUAGES[code].known_words | words_of_deeds(subjects, code) for code in codes}
-    exact = {code: sum(word in known[code] for word in words) for code in codes}
+    # The letter of t1 is no French word.
+    whole = [one for one, after in zip(words, [*words[1:], ""], strict=True) if len(one) > 1 or not after.isdigit()]
+    exact = {code: sum(word in known[code] for word in whole) for code in codes}
     own = [code for code in codes if exact[code] == max(exact.values())]
     return [
         each
@@ -278,7 +283,7 @@ def _candidates(
     split = without_contrast(words, language)
     if split is not None:
         other, main = _found(split.contrast, subjects, language), _found(split.main, subjects, language)
-        contrast = _subordinate(other)
+        contrast = _subordinate(other, subjects)
         if contrast.person is None and contrast.ordinal is not None and subjects.persons:
             contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
         left = len(other.reading.free())
@@ -385,6 +390,7 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
                 found.question,
                 topics=(deed.topic,), agent=agent, things=things, agent_kind=_asked_kind(found.reading, subjects, deed),
                 is_opposite=deed.is_opposite, is_synonym=deed.is_synonym,
+                by_people=not quoted and _are_doers(found, deed.places, subjects),
                 unknown=tuple(found.reading.words[place] for place in unknown),
             )  # fmt: skip
             for kind in (one for one in _OF_DEEDS if one in asked):
@@ -393,17 +399,21 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
     others = {name: found.reading.words[max(0, place - 1)] for name, place in found.agents if name != agent}
     question = replace(found.question, agent=agent, things={**found.question.things, **others})
+    says, places = _words_said(found, quoted, subjects)
+    telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
+    are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
+    asked -= {"said"} if are_tellers else set()
     for kind in (one for one in _OF_STATES if one in asked and (one != "heard" or subjects.heard_stems)):
         at_person = question.person.at_s if question.person is not None and kind in ("said", "see") else None
         one = replace(question, kind=kind)
         if kind == "heard":
-            heard = _words_heard(found, subjects)
+            is_quoted = bool(says) and are_tellers and not found.reading.has("what")
+            heard = says if is_quoted else _words_heard(found, subjects)
             one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
         yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
     if "why" not in asked and "why_not" not in asked:
         yield from _of_records(found, question, subjects)
-    says, places = _words_said(found, quoted, subjects)
-    if says:
+    if says and not are_tellers:
         person = None if question.person is not None and question.person.me else question.person  # "can I help you"
         left = [place for place in found.reading.free() if place not in places]
         question = replace(
@@ -411,6 +421,12 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         )
         for kind in (one for one in _OF_SAYING if one in asked):
             yield Candidate(replace(question, kind=kind), found, None, 0)
+
+
+def _are_doers(found: Found, places: Set[int], subjects: Subjects) -> bool:
+    """Return whether people do what the words at these places name: ``Did t1 greet you?``."""
+    is_robot_you = bool(subjects.persons) or len(subjects.agents) == 1
+    return not found.agents and is_done_by_people(found.reading, places, found.verb, is_robot_you=is_robot_you)
 
 
 def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
@@ -527,18 +543,19 @@ def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str
         yield "", {**things, **beside}
 
 
-def _subordinate(found: Found) -> Question:
+def _subordinate(found: Found, subjects: Subjects) -> Question:
     """Return the question of a subordinate clause: its people and things, and the deed that it names surely."""
     named = [each for each in found.deeds if each.fit >= _NAMED]
     deed = max(named, key=lambda each: each.evidence.get("thing", 0.0), default=None)  # the first one of the best
     agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
     things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
     topics = () if deed is None else (deed.topic,)
-    return replace(found.question, topics=topics, agent=agent, things=things)
+    by_people = deed is not None and _are_doers(found, deed.places, subjects)
+    return replace(found.question, topics=topics, agent=agent, things=things, by_people=by_people)
 
 
 def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Event | None:
-    what, words, language = _subordinate(found), parts.event, found.reading.language
+    what, words, language = _subordinate(found, subjects), parts.event, found.reading.language
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
     begin = words[1:2] if words[0] in _ARTICLES else words[:1]

@@ -91,6 +91,8 @@ class Scope:
 
         Of several deeds with the same words, that at the time in question is meant.
         """
+        if self.question.by_people:
+            return []
         later: list[TraceRecord] = []
         meant = [
             (topic, [one for one in self.subjects.done(topic) if self.is_meant(one)]) for topic in self.question.topics
