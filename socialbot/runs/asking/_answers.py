@@ -261,6 +261,8 @@ class _Answering(Whether):
     def _when(self) -> Told | None:
         if self.topic is not None:
             deeds = self.of_persons(self.deeds)
+            if not deeds and (parts := self._parts()):
+                return self._compared(parts)
             if self.question.at_s is not None:
                 deeds = near(deeds, self.history.stamp(self.question.at_s), NEAR_S)
             elif self.question.ordinal is not None:

@@ -106,6 +106,9 @@ class Whether(Scope):
 
     def _decided(self) -> Decided | None:
         question, parts = self.question, self._parts()
+        if parts and question.ordinal is not None:
+            told = self._compared(parts)
+            return (None, *told) if told else self._decided_for_each([replace(each, ordinal=None) for each in parts])
         if parts:
             return self._decided_for_each(parts)
         if question.quantity == "others" and self.deeds:  # To have greeted t1 is no "yes" to "anybody else".
@@ -164,6 +167,15 @@ class Whether(Scope):
         done = {is_done for is_done, _, _ in known}
         told = "; ".join(text for _, text, _ in known)
         return done.pop() if len(done) == 1 else None, told, [clause for _, _, some in known for clause in some]
+
+    def _compared(self, parts: Sequence[Question]) -> Told | None:
+        """Return the deed to each of several people or things, in order of time; None if it was not done to each."""
+        place = -1 if self.question.ordinal == -1 else 0
+        scopes = [self._beside(replace(part, ordinal=None)) for part in parts]
+        done = [deeds[place] for each in scopes if (deeds := each.of_persons(each.deeds))]
+        if len(done) < len(parts):
+            return None
+        return self._listed(sorted(done, key=lambda each: each.stamp))
 
     def _beside(self, question: Question) -> Whether:
         """Return another question about the same run."""

@@ -120,3 +120,15 @@ def test_what_did_not_happen_is_not_known(run, question):
 
 def test_words_that_were_said_are_counted_and_not_denied(run):
     assert answer(run, "Did you say hello twice?").text.startswith("2 times: ")
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("Did you greet t1 or t2 first?", f"{GREETED_T1} and {GREETED_T2}."),
+        ("Did you greet t1 or t2 last?", f"{GREETED_T1} and {GREETED_T2}."),
+        ("Did you offer t1 or t2 help first?", f"{HELPED_T1}; {NOT_HELPED}."),
+    ],
+)
+def test_a_comparison_by_time_has_both_deeds_in_order(run, question, text):
+    assert answer(run, question).text.lower() == text.lower()

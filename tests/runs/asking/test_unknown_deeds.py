@@ -22,6 +22,7 @@ DEEDS = (
     ("guard_a", 'say("Please close the door.")'),
     ("spot_a", "go(spot_a, room_1)"),
     ("spot_a", "go_home(spot_a)"),
+    ("gripper_a", "pickup(gripper_a, box_b1, base_1)"),
 )
 HEARD = ("Where is the library?", "Thank you.")
 
@@ -195,3 +196,19 @@ def test_a_noun_that_no_record_has_is_not_taken_for_another_thing(yard, question
 )
 def test_the_end_of_a_name_names_a_thing(yard, question, at_s):
     assert [clause.claim.at_s for clause in answer(yard, question).clauses] == [at_s]
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Which of box b1 and box a1 was picked up first?", "Was box b1 or box a1 picked up first?",
+        "Which box was picked up first, b1 or a1?", "Which of box a1 and box b1 was picked up last?",
+    ],
+)  # fmt: skip
+def test_a_comparison_of_things_by_time_has_both_deeds_in_order(yard, question):
+    assert [clause.claim.at_s for clause in answer(yard, question).clauses] == [0, 8]
+
+
+def test_a_person_is_none_of_several_agents(yard):
+    assert not answer(yard, "Did a visitor pick up box a1?").known
+    assert answer(yard, "Did carrier a pick up box a1?").text.startswith("No")
