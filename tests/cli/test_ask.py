@@ -53,10 +53,10 @@ def test_a_rule_that_nothing_triggered_is_a_reason(tmp_path):
 
 def test_the_closest_readings_of_an_unclear_question_are_told(run):
     assert told(run, "What about the first visitor?").splitlines() == [
-        "Do you ask what I did at 0.7 s, or what I said at 0.7 s?",
+        "Do you ask what I said at 0.7 s, or what I did at 0.7 s?",
         "",
-        "    what I did at 0.7 s: At 0.7 s I greeted person t1.",
         '    what I said at 0.7 s: At 0.7 s I said "Hello! Nice to see you.".',
+        "    what I did at 0.7 s: At 0.7 s I greeted person t1.",
     ]
 
 

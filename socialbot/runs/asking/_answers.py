@@ -13,7 +13,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, failed, heard, heard_as, said
-from socialbot.runs.asking._beliefs import believed, ended
+from socialbot.runs.asking._beliefs import believed, ended, placed
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
@@ -34,6 +34,7 @@ from socialbot.runs.why import call_of, decided_at
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
     "heard": heard, "failed": failed, "believed": believed, "ended": ended,
+    "where": placed,
 }  # fmt: skip
 """Functions that answer kinds of questions about a state."""
 

@@ -6,6 +6,7 @@ import re
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Held, near
+from socialbot.runs.asking._named_beliefs import tells_place
 from socialbot.runs.asking._questions import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
@@ -35,6 +36,30 @@ def believed(scope: Scope) -> Told | None:
         chosen = [each for each in held if each.at(stamp)] or _last(held, stamp, has_time=question.at_s is not None)
         clauses = [_at(scope, each, seconds, stamp) for each in chosen[:MOST_NAMED]]
     return (scope.joined(clauses), clauses) if clauses else None
+
+
+def placed(scope: Scope) -> Told | None:
+    """Return the last known place of a thing or agent: what is believed about it, or else what was done with it last.
+
+    A belief that has ended tells no place.
+    """
+    named = {*scope.question.things, *([scope.question.agent] if scope.question.agent else [])}
+    seconds, stamp = scope.moment()
+    held = [each for each in scope.facts.beliefs if each.at(stamp) and named == {_placed_thing(each)}]
+    if held:
+        clauses = [_at(scope, each, seconds, stamp) for each in held[-MOST_NAMED:]]
+        return scope.joined(clauses), clauses
+    done = [each for each in scope.subjects.deeds if each.stamp <= stamp and named <= {*arguments_of(each.what)}]
+    clauses = [scope.speech.did(each, scope.subjects.topic_of(each)) for each in done[-1:]]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def _placed_thing(belief: Held) -> str:
+    """Return the thing whose place a belief tells, or the agent that believes it of itself; empty for other beliefs."""
+    if not tells_place(belief.what.partition("(")[0]):
+        return ""
+    first, *others = [*arguments_of(belief.what), ""]
+    return first if any(others) else belief.agent
 
 
 def _last(held: list[Held], stamp: int, *, has_time: bool) -> list[Held]:

@@ -68,7 +68,7 @@ _GRAMMARS: Mapping[str, _Grammar] = {
     ),
 }  # fmt: skip
 _INDEFINITE = _words("anybody anyone somebody someone everybody one jemand jemanden quelqu un alguien")
-_BEFORE_OBJECT = {"to", "for", "at", "with"}
+_BEFORE_OBJECT = {"for", "at", "with"}
 """Prepositions between an English verb and its object."""
 _EUPHONIC = {"il", "elle", "on"}
 """Words behind a French *t* that is no pronoun: ``a-t-il``."""
@@ -153,7 +153,10 @@ class _Clause:
             return False
         if any(self.words[n - 1] == "to" for n in self.deed if you and n > min(you)):
             return False  # "Did it take you long to greet t1?"
-        is_behind = (n - 1 in self.deed or (n - 2 in self.deed and self._is(n - 1, _BEFORE_OBJECT)) for n in you)
+        is_behind = (
+            n - 1 in self.deed or self.words[n - 1] == "to" or (n - 2 in self.deed and self._is(n - 1, _BEFORE_OBJECT))
+            for n in you
+        )  # fmt: skip
         return any(is_behind) and min(you) > self.begin
 
     def _is_robot_object(self) -> bool:

@@ -26,13 +26,22 @@ class AskedBelief(NamedTuple):
     places: frozenset[int]
 
 
+def _parts(name: str) -> list[str]:
+    return [part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+
+
+def tells_place(name: str) -> bool:
+    """Return whether a belief of this name tells where something is."""
+    return bool(_PLACES.intersection(_parts(name)[:1]))
+
+
 def asked_beliefs(reading: Reading, subjects: Subjects) -> Iterator[AskedBelief]:
     """Yield the beliefs that the words of a question may ask for."""
     stems = {place: stem(word) for place, word in enumerate(reading.words)}
     is_where = reading.has("where") or {"which", "room"} <= set(reading.words)
     for name in subjects.belief_names:
-        parts = [part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
-        if is_where and _PLACES.intersection(parts[:1]):
+        parts = _parts(name)
+        if is_where and tells_place(name):
             yield AskedBelief(name, 1.0, frozenset(reading.places("where")))
             continue
         places: set[int] = set()

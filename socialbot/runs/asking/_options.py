@@ -26,6 +26,7 @@ _STATES = {
     "see": "what I saw", "said": "what I said", "doing": "what I did", "next": "what I intended", "who": "who was here",
     "when": "who was here", "heard": "what people said", "failed": "what failed", "count": "how many people were here",
     "how_long": "how long people were here", "ended": "how the plan ended",
+    "where": "where it was",
 }  # fmt: skip
 _DEEDS = {
     "why": "why", "why_not": "why", "when": "when", "count": "how often", "did": "whether", "how_long": "how long",

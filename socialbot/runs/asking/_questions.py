@@ -46,7 +46,7 @@ from socialbot.runs.asking.languages.synonyms import synonyms
 
 Kind = Literal[
     "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed",
-    "believed", "ended",
+    "believed", "ended", "where",
 ]  # fmt: skip
 
 VERBS = (
@@ -98,6 +98,8 @@ _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
 """Words that anybody says."""
 _MOVING = frozenset(stem(one[0]) for one in (("move",), *synonyms(("move",), "en")))
+_ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
+"""Words that ask where something was before."""
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _LONG = 5
@@ -430,12 +432,17 @@ def _are_doers(found: Found, places: Set[int], subjects: Subjects) -> bool:
 
 
 def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
-    """Yield readings about beliefs and about the ends of plans."""
+    """Yield readings about beliefs, about the places of things, and about the ends of plans."""
     reading, free = found.reading, found.reading.free()
     for each in asked_beliefs(reading, subjects):
         unknown = tuple(reading.words[place] for place in free if place not in each.places)
         asked = replace(question, kind="believed", belief=each.name, unknown=unknown, asks_when=reading.has("when"))
         yield Candidate(asked, found, None, 0, each.fit)
+    asks_origin = any(
+        tuple(reading.words[n : n + len(one)]) == one for one in _ORIGIN for n in range(len(reading.words))
+    )
+    if reading.has("where") and (question.things or question.agent) and not asks_origin:
+        yield Candidate(replace(question, kind="where"), found, None, 0)
     if reading.has("outcome", "fail"):
         yield Candidate(replace(question, kind="ended"), found, None, 0)
 

@@ -98,7 +98,7 @@ def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Su
 def _mode(each: Candidate) -> str:
     """Return what a reading is about: a deed, words of the robot or of people, failures, another state, or nothing."""
     kind = each.question.kind
-    if kind in (None, "heard", "failed", "believed", "ended"):
+    if kind in (None, "heard", "failed", "believed", "ended", "where"):
         return kind or "none"
     return "deed" if each.deed is not None else "says" if each.question.says else "state"
 

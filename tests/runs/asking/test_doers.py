@@ -76,4 +76,5 @@ def test_what_people_said_is_told_as_what_they_did(talk, question):
 def test_who_is_asked_is_not_told_what_the_robot_said(talk):
     claims = [clause.claim for clause in answer(talk, "What did t1 say to you?").clauses]
     assert [claim.what[0] for claim in claims if claim.kind == "heard"] == ["Hello.", "Thank you very much."]
-    assert not answer(talk, "Did t1 say goodbye to you?").text.startswith(("Yes", "No"))
+    for question in ("Did t1 say goodbye to you?", "Did anybody say thank you to you?"):
+        assert not answer(talk, question).text.startswith(("Yes", "No"))

@@ -212,3 +212,10 @@ def test_a_comparison_of_things_by_time_has_both_deeds_in_order(yard, question):
 def test_a_person_is_none_of_several_agents(yard):
     assert not answer(yard, "Did a visitor pick up box a1?").known
     assert answer(yard, "Did carrier a pick up box a1?").text.startswith("No")
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s"), [("Where is box a1?", 1), ("Where did box a1 end up?", 1), ("Where is box b1 now?", 8)]
+)
+def test_the_last_deed_with_a_thing_tells_where_it_is(yard, question, at_s):
+    assert [clause.claim.at_s for clause in answer(yard, question).clauses] == [at_s]
