@@ -9,7 +9,15 @@ import time
 from pathlib import Path
 
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Image, PersonDetections, Utterance
+from socialbot.core.messages import (
+    HeadCommand,
+    Health,
+    Image,
+    JointTrajectory,
+    PersonDetections,
+    SpeechStatus,
+    Utterance,
+)
 from socialbot.graph.node import Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
@@ -44,6 +52,53 @@ class Talker(Node):
         self.call_after(0.5, self.start)
         self.count += 1
         self.say.publish(Utterance(stamp=self.clock.now(), id=f"{self.clock.now()}", text=f"word {self.count}"))
+
+
+class Hearer(Node):
+    """Records the topic and number of each message, also of what the robot does: the word it says, where it looks."""
+
+    say = Input(Utterance, "/speech/say")
+    look = Input(HeadCommand, "/head/command")
+    seen = Input(PersonDetections, "/seen")
+    healths = Input(Health, "/healths")
+    joints = Input(JointTrajectory, "/joints")
+    spoken = Input(SpeechStatus, "/speech/status")
+    moved = Input(JointTrajectory, "/head_controller/joint_trajectory")
+
+    record = Parameter("", "output file, a line for each message")
+
+    def note(self, topic: str, number: object) -> None:
+        with Path(self.record).open("a", encoding="utf-8") as file:
+            file.write(f"{topic} {number}\n")
+
+    @say
+    def on_say(self, message: Utterance) -> None:
+        self.note("/speech/say", message.id)
+
+    @look
+    def on_look(self, message: HeadCommand) -> None:
+        self.note("/head/command", message.cause)
+
+    @seen
+    def on_seen(self, message: PersonDetections) -> None:
+        self.note("/seen", message.frame_id)
+
+    @healths
+    def on_health(self, message: Health) -> None:
+        self.note("/healths", message.reason)
+
+    @joints
+    def on_joints(self, message: JointTrajectory) -> None:
+        self.note("/joints", message.joint_names[0])
+
+    @spoken
+    def on_spoken(self, message: SpeechStatus) -> None:
+        if message.state == "started":
+            self.note("/speech/status", message.utterance_id)
+
+    @moved
+    def on_moved(self, message: JointTrajectory) -> None:
+        self.note("/head_controller/joint_trajectory", message.positions[0])
 
 
 class RaisingDetector(Detector):
