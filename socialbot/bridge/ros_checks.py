@@ -171,6 +171,20 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
     return Finding(name, "ok", "not open to the network")
 
 
+NETWORKS = Path("/proc/sys/net/ipv4/conf")
+
+
+def loopback(folder: Path = NETWORKS) -> Finding | None:
+    """Check that Linux drops packets of the network whose target is 127.0.0.1; None if all is well."""
+    paths = sorted(path for path in folder.glob("*/route_localnet") if path.parent.name != "lo")
+    if not (opened := [path.parent.name for path in paths if path.read_text().strip() != "0"]):
+        return None
+    text = f"packets of the network can reach 127.0.0.1: route_localnet is set for {', '.join(opened)}"
+    settings = " ".join(f"net.ipv4.conf.{name}.route_localnet=0" for name in opened)
+    remedy = f"sysctl -w {settings}; if Docker or kube-proxy needs it, a firewall: docs/security.md"
+    return Finding("loopback", "warning", text, remedy)
+
+
 def profile(variables: Mapping[str, str] = os.environ) -> Finding:
     """Check that the active DDS profile reserves enough shared memory for images."""
     name = "DDS profile"
@@ -281,8 +295,8 @@ def viewers() -> Finding:
 
 
 CHECKS: tuple[Check, ...] = (
-    ros, library_path, other_ros, settings, viewers, strangers, profile, shared_memory, stale_memory, receive_buffer,
-    round_trip,
+    ros, library_path, other_ros, settings, viewers, strangers, loopback, profile, shared_memory, stale_memory,
+    receive_buffer, round_trip,
 )  # fmt: skip
 
 

@@ -114,6 +114,20 @@ class TestRosChecks:
         assert finding is not None
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
+    @pytest.mark.parametrize(
+        ("opened", "named"), [((), ""), (("lo",), ""), (("all",), "all"), (("eth0", "lo"), "eth0")]
+    )
+    def test_networks_that_reach_the_loopback_address(self, tmp_path, opened, named):
+        for name in ("all", "default", "eth0", "lo"):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "route_localnet").write_text(f"{int(name in opened)}\n")
+        finding = ros_checks.loopback(tmp_path)
+        assert (finding is None) == (not named)
+        if finding is not None:
+            assert finding.state == "warning"
+            assert f"route_localnet is set for {named}" in finding.text
+            assert f"sysctl -w net.ipv4.conf.{named}.route_localnet=0" in finding.remedy
+
     def test_names_missing_message_packages(self, monkeypatch):
         monkeypatch.setattr(ros_checks.importlib.util, "find_spec", lambda name: None if name == "hri_msgs" else name)
         finding = ros_checks.viewers()
