@@ -114,7 +114,7 @@ class Replay:
         self._rounds = 0
 
     def record(self) -> None:
-        """Keep what has arrived at the device."""
+        """Record the packets that wait in the socket."""
         while True:
             try:
                 frame = self._tap.recv(65536)
@@ -124,7 +124,7 @@ class Replay:
                 self._packets.append(found)
 
     def forget_new(self) -> None:
-        """Drop what has arrived at the device: it is that of this program."""
+        """Drop the packets that wait in the socket: this program has sent them."""
         kept = self._packets
         self._packets = []
         self.record()

@@ -8,14 +8,13 @@ message on when it has both, and refuses it otherwise.
 from __future__ import annotations
 
 import hashlib
-import math
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bridge.stream_watch import COPIES_S, LOST_S, MAX_STREAMS, StreamKey
+from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, Overlap, StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
@@ -48,15 +47,9 @@ def padded(cdr: bytes) -> bytes:
 
 
 @dataclass(eq=False)
-class MessageWatch:
-    """Watch over the messages of a subscription, each of which has a seal on another topic.
+class MessageWatch(Overlap):
+    """Watch over the messages of a subscription, each of which has a seal on another topic."""
 
-    Attributes:
-        clock: Steady clock (s).
-    """
-
-    clock: Callable[[], float] = time.monotonic
-    _copies_until: float = field(default=-math.inf, init=False)
     _missed_at: dict[StreamKey, float] = field(default_factory=dict, init=False)
     """Time of the first seal of a stream that came without a message."""
     _missed: dict[StreamKey, tuple[float, float, int]] = field(default_factory=dict, init=False)
@@ -89,15 +82,7 @@ class MessageWatch:
 
     def begin_again(self) -> None:
         self._missed_at.clear()
-        self._copies_until = math.inf
-
-    def end_overlap(self) -> None:
-        self._copies_until = self.clock() + COPIES_S
-
-    @property
-    def expects_copies(self) -> bool:
-        """Whether messages may arrive again: a subscription and its successor have delivered them."""
-        return self.clock() < self._copies_until
+        super().begin_again()
 
 
 @dataclass(frozen=True)

@@ -58,21 +58,41 @@ class Watch(Protocol):
 
 
 @dataclass(eq=False)
-class StreamWatch:
+class Overlap:
+    """Time in which messages of a subscription may arrive again, since its successor has delivered them, too.
+
+    Attributes:
+        clock: Steady clock (s).
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    _copies_until: float = field(default=-math.inf, init=False)
+
+    def begin_again(self) -> None:
+        self._copies_until = math.inf
+
+    def end_overlap(self) -> None:
+        self._copies_until = self.clock() + COPIES_S
+
+    @property
+    def expects_copies(self) -> bool:
+        """Whether messages may arrive again."""
+        return self.clock() < self._copies_until
+
+
+@dataclass(eq=False, kw_only=True)
+class StreamWatch(Overlap):
     """Watch over the sealed messages and beacons of one subscription.
 
     Attributes:
         expects_all: Whether each message must arrive; else only silence is a fault.
         keeps_all: Whether the queue is long enough for all; else only beacons show that messages did not arrive.
         has_foreign: Whether publishers without keys are no fault: only publishers that were heard before are expected.
-        clock: Steady clock (s).
     """
 
     expects_all: bool = True
     keeps_all: bool = True
     has_foreign: bool = False
-    clock: Callable[[], float] = time.monotonic
-    _copies_until: float = field(default=-math.inf, init=False)
     _heard: dict[StreamKey, tuple[float, int]] = field(default_factory=dict, init=False)
     _lost: int = field(default=0, init=False)
     _losses: tuple[float, float] | None = field(default=None, init=False)
@@ -120,15 +140,7 @@ class StreamWatch:
     def begin_again(self) -> None:
         self._heard.clear()
         self._lost, self._losses = 0, None
-        self._copies_until = math.inf
-
-    def end_overlap(self) -> None:
-        self._copies_until = self.clock() + COPIES_S
-
-    @property
-    def expects_copies(self) -> bool:
-        """Whether messages may arrive again: a subscription and its successor have delivered them."""
-        return self.clock() < self._copies_until
+        super().begin_again()
 
 
 Note = Callable[[Any], None]

@@ -30,7 +30,7 @@ def read_bytes(file: str | PathLike[str], most: int = DATA_BYTES) -> bytes:
     """Return the content of a file. Raises OSError as `open_file` does, and if it has more than ``most`` bytes."""
     parts, left = [], most + 1
     with open_file(file) as opened:
-        expected = os.fstat(opened.fileno()).st_size + 1  # what is asked for is allocated
+        expected = os.fstat(opened.fileno()).st_size + 1  # a read allocates as much as it asks for
         while left and (part := opened.read(min(left, expected))):
             parts.append(part)
             left, expected = left - len(part), _BLOCK

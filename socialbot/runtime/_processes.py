@@ -181,9 +181,8 @@ def how_it_ended(code: int, error: str = "") -> str:
 
 def reported_error(log: Path) -> str:
     """Return the error with which a process has ended, on one line: that of its log, or the last line there."""
-    lines = [line for line in _end_of(log).splitlines() if line.strip()][
-        -LOG_TAIL_LINES:
-    ]  # not an error of an earlier start
+    lines = [line for line in _end_of(log).splitlines() if line.strip()]
+    lines = lines[-LOG_TAIL_LINES:]  # not an error of an earlier start
     errors = _ERROR.findall("\n".join(lines)) or lines
     return errors[-1].replace("\n  remedy: ", "; ").strip() if errors else ""
 

@@ -242,9 +242,9 @@ class Conversation:
         self.interpret = interpret
         self._voices: dict[str, str] = {}  # persons who are speaking, by voice
         self.last_heard: dict[str, HeardSpeech] = {}
+        """Last sentence of each person."""
         self.understood: dict[str, Mapping[str, Any]] = {}
         """What ``interpret`` keeps about the last sentence of each person."""
-        """Last sentence of each person."""
         self._telling: dict[str, LongAction] = {}
         self._last: dict[str, tuple[str, tuple[object, ...]]] = {}
         self.sensor = SpeechSensor(self)

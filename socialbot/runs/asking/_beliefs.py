@@ -1,4 +1,4 @@
-"""Answers about beliefs and the ends of plans: what was believed at a time, and how a plan ended."""
+"""Answers about beliefs and about the ends of plans."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from socialbot.runs.asking._words import stem, tokens
 
 
 def believed(scope: Scope) -> Told | None:
-    """Return what was believed at the time in question, or, if the question asks when, since when it was."""
+    """Return what was believed at the time in question. If the question asks when, return since when."""
     question = scope.question
     named = {*question.things, *([question.agent] if question.agent else [])}
     held = [
@@ -39,9 +39,9 @@ def believed(scope: Scope) -> Told | None:
 
 
 def placed(scope: Scope) -> Told | None:
-    """Return the last known place of a thing or agent: what is believed about it, or else what was done with it last.
+    """Return the last known place of a thing or agent.
 
-    A belief that has ended tells no place.
+    That is what is believed about it now, or else the last deed with it.
     """
     named = {*scope.question.things, *([scope.question.agent] if scope.question.agent else [])}
     seconds, stamp = scope.moment()

@@ -7,67 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass
 
 from socialbot.runs.asking._references import Reading
 
-Words = frozenset[str]
-
-
-def _words(text: str) -> Words:
-    return frozenset(text.split())
-
-
-@dataclass(frozen=True)
-class _Grammar:
-    """Words of a language that tell subjects from objects.
-
-    Args:
-        you: The robot as a subject.
-        to_you: The robot as an object.
-        passive: Forms of the auxiliary of the passive voice.
-        by: Prepositions before the one who does it.
-        receive: Verbs of receiving, with a meaning like that of the passive voice.
-        source: Prepositions behind them.
-        third: Auxiliaries whose subject is a third person.
-        participle: Form of the verb in the passive voice.
-        second: Form of a verb whose subject is the robot, even if no word says so.
-    """
-
-    you: Words
-    to_you: Words
-    passive: Words
-    by: Words
-    receive: Words
-    source: Words
-    third: Words
-    participle: re.Pattern[str]
-    second: re.Pattern[str] = re.compile("(?!)")
-
-
-_GRAMMARS: Mapping[str, _Grammar] = {
-    "en": _Grammar(
-        _words("you u ya ye"), _words("you u ya ye"), _words("was were been being is are be get got gotten gets"),
-        _words("by"), _words("get got gotten receive received"), _words("from"), frozenset(),
-        re.compile(".*(ed|en|wn)|told|sent|brought|taught|led|let|met|shown"),
-    ),
-    "de": _Grammar(
-        _words("du ihr"), _words("dich dir euch"), _words("wurdest wurde wurden worden"), _words("von"),
-        _words("bekommen bekam bekamst erhalten erhielt gekriegt kriegtest empfangen"), _words("von"),
-        _words("hat haben hatte hatten"), re.compile(".*t|.*ge.*en"),
-    ),
-    "fr": _Grammar(
-        _words("tu vous"), _words("te t toi vous"), _words("ete fus fut"), _words("par"),
-        _words("recu recois eu obtenu"), _words("de par"), _words("a ont avait avaient"), re.compile(".*(?<!er)"),
-        re.compile(".*[sxz]"),
-    ),
-    "es": _Grammar(
-        _words("tu usted"), _words("te ti"), _words("fue fuiste fueron sido siendo"), _words("por"),
-        _words("recibio recibiste recibido obtuvo obtuviste"), _words("de"), _words("ha han habia habian"),
-        re.compile(".*d[oa]s?"), re.compile(".*(s|ste)"),
-    ),
+_INDEFINITE = {
+    "anybody", "anyone", "somebody", "someone", "everybody", "one", "jemand", "jemanden", "quelqu", "un", "alguien",
 }  # fmt: skip
-_INDEFINITE = _words("anybody anyone somebody someone everybody one jemand jemanden quelqu un alguien")
 _BEFORE_OBJECT = {"for", "at", "with"}
 """Prepositions between an English verb and its object."""
 _EUPHONIC = {"il", "elle", "on"}
@@ -94,7 +39,7 @@ def is_done_by_people(reading: Reading, deed: Set[int], verb: int | None, *, is_
 class _Clause:
     def __init__(self, reading: Reading, deed: Set[int]) -> None:
         self.reading, self.words, self.deed, self.begin = reading, reading.words, deed, min(deed)
-        self.grammar = _GRAMMARS[reading.language.code]
+        self.voices = reading.language.voices
         named = {n for name in reading.found if name.startswith("person ") for n in reading.places(name)}
         self.people = named | {n for n in reading.places("people") if self.words[n] not in _INDEFINITE}
         """Places of people: *anybody* may be the robot, too."""
@@ -102,27 +47,27 @@ class _Clause:
         """Places of names, such as *t* of ``t1``, and of ``what made you``, behind which the robot acts."""
 
     def is_done_by_people(self, verb: int | None, *, is_robot_you: bool) -> bool:
-        grammar = self.grammar
-        by = [n for n in self._at(grammar.by) if self._at(grammar.passive)]
-        by += [n for n in self._at(grammar.source) if self._at(grammar.receive)]
+        voices = self.voices
+        by = [n for n in self._at(voices.by) if self._at(voices.passive)]
+        by += [n for n in self._at(voices.source) if self._at(voices.receive)]
         people = {*self.people, *self.reading.places("people"), *self.reading.places("me")}
         asked = {one[0] for one in self.reading.language.phrases["who"]}  # "By whom was t1 greeted?"
-        by = [n for n in by if not self._is(n + 1, grammar.to_you | asked)]
+        by = [n for n in by if not self._is(n + 1, voices.to_you | asked)]
         if any(people.intersection(range(n + 1, n + 1 + _NEAR)) for n in by):
             return True
-        if is_robot_you and self._at(grammar.passive | grammar.receive) and self._is_robot_patient():
+        if is_robot_you and self._at(voices.passive | voices.receive) and self._is_robot_patient():
             return True
         code = self.reading.language.code
         # English "was" and "is" are also other verbs.
         also_other = self.reading.language.auxiliaries if code == "en" else frozenset()
-        if self._at((grammar.passive | grammar.receive) - also_other):
+        if self._at((voices.passive | voices.receive) - also_other):
             return False
         subject: Mapping[str, Callable[[], bool]] = {
             "de": self._is_german_subject, "fr": self._is_french_subject, "es": self._is_spanish_subject,
         }  # fmt: skip
         if code == "en":
             return (is_robot_you and self._is_robot_english_object()) or self._is_english_subject(verb)
-        return (is_robot_you and self._is_robot_object()) or (not self._at(grammar.you) and subject[code]())
+        return (is_robot_you and self._is_robot_object()) or (not self._at(voices.you) and subject[code]())
 
     def _at(self, words: Set[str]) -> list[int]:
         return [n for n, word in enumerate(self.words) if word in words and n not in self.unread]
@@ -132,23 +77,23 @@ class _Clause:
 
     def _is_robot_patient(self) -> bool:
         """Return whether the robot is the subject in the passive voice: ``were you greeted``, ``fuiste saludado``."""
-        form, passive = self.grammar.participle, self._at(self.grammar.passive)
+        form, passive = self.voices.participle, self._at(self.voices.passive)
         if not any(form.fullmatch(self.words[n]) for n in self.deed if not passive or n > min(passive)):
             return False
         if self.reading.language.code == "en":
             return any(
                 abs(n - place) == 1 and max(n, place) < self.begin and form.fullmatch(self.words[max(n, place) + 1])
-                for n in self._at(self.grammar.you) for place in passive
+                for n in self._at(self.voices.you) for place in passive
             )  # fmt: skip
-        second = any(self._is(n - 1, self.reading.language.auxiliaries) and self.grammar.second.fullmatch(
+        second = any(self._is(n - 1, self.reading.language.auxiliaries) and self.voices.second.fullmatch(
             self.words[n - 1]) for n in passive)  # fmt: skip
-        return bool(passive) and (bool(self._at(self.grammar.you)) or second or bool(self._at({"fuiste"})))
+        return bool(passive) and (bool(self._at(self.voices.you)) or second or bool(self._at({"fuiste"})))
 
     # The robot as an object
 
     def _is_robot_english_object(self) -> bool:
         """Return whether ``you`` is behind the verb, and not in front of it, too: not ``the words you spoke``."""
-        you = [n for n in self._at(self.grammar.to_you) if self.words[n - 1] != "thank"]
+        you = [n for n in self._at(self.voices.to_you) if self.words[n - 1] != "thank"]
         if any(n + 1 in self.deed and "the" in self.words[max(0, n - _NEAR - 1) : n - 1] for n in you):
             return False
         if any(self.words[n - 1] == "to" for n in self.deed if you and n > min(you)):
@@ -161,13 +106,13 @@ class _Clause:
 
     def _is_robot_object(self) -> bool:
         """Return whether a pronoun means the robot as an object, and no verb has it as a subject."""
-        you = self._at(self.grammar.to_you)
+        you = self._at(self.voices.to_you)
         if self.reading.language.code == "de":
-            return bool(you) and not self._at(self.grammar.you)
+            return bool(you) and not self._at(self.voices.you)
         for n in you:
             following = self.words[n + 1] if n + 1 < len(self.words) else ""
-            is_subject = self.grammar.second.fullmatch(following) or "tu" in self.words or following in _EUPHONIC
-            if following and not is_subject and (self.words[n] != "vous" or following in self.grammar.third):
+            is_subject = self.voices.second.fullmatch(following) or "tu" in self.words or following in _EUPHONIC
+            if following and not is_subject and (self.words[n] != "vous" or following in self.voices.third):
                 return True
         return False
 
@@ -180,20 +125,20 @@ class _Clause:
         start = max((n for n in range(verb) if self.words[n] in self.reading.language.auxiliaries), default=verb)
         subject = range(start + 1, verb)
         mine = {n for n in self.reading.places("me") if self.words[n] in ("i", "we")}
-        return bool((self.people | mine).intersection(subject)) and not {*self._at(self.grammar.you)}.intersection(
+        return bool((self.people | mine).intersection(subject)) and not {*self._at(self.voices.you)}.intersection(
             subject
         )
 
     def _is_german_subject(self) -> bool:
-        third = [n for n in self._at(self.grammar.third) if not self._is(n + 1, {"sie"})]  # "Haben Sie t1 begrüßt?"
+        third = [n for n in self._at(self.voices.third) if not self._is(n + 1, {"sie"})]  # "Haben Sie t1 begrüßt?"
         return any(self.people.intersection(range(n + 1, n + 1 + _NEAR)) for n in third)
 
     def _is_french_subject(self) -> bool:
         return any(n < self.begin and self.people.intersection(range(max(0, n - _NEAR), n)) for n in self._at(
-            self.grammar.third))  # fmt: skip
+            self.voices.third))  # fmt: skip
 
     def _is_spanish_subject(self) -> bool:
-        is_third = _THIRD_PRETERITE.fullmatch(self.words[self.begin]) or self._at(self.grammar.third)
+        is_third = _THIRD_PRETERITE.fullmatch(self.words[self.begin]) or self._at(self.voices.third)
         return bool(is_third) and any(
             not _NOT_BEFORE_SUBJECT.intersection(self.words[max(0, n - 2) : n]) for n in self.people
         )

@@ -1,8 +1,9 @@
 """English questions and answers."""
 
+import re
 from itertools import product
 
-from socialbot.runs.asking.languages.language import Language
+from socialbot.runs.asking.languages.language import Language, Voices, word_set
 
 _TIMES = ",".join(
     f"{before} {asking} {time}"
@@ -277,4 +278,14 @@ ENGLISH = Language(
             "| How often did you {deed}? | Did you {deed}? | What did you do at {at} seconds?"
         ),
     },
+    Voices(
+        you=word_set("you u ya ye"),
+        to_you=word_set("you u ya ye"),
+        passive=word_set("was were been being is are be get got gotten gets"),
+        by=word_set("by"),
+        receive=word_set("get got gotten receive received"),
+        source=word_set("from"),
+        third=frozenset(),
+        participle=re.compile(".*(ed|en|wn)|told|sent|brought|taught|led|let|met|shown"),
+    ),
 )

@@ -1,6 +1,8 @@
 """French questions and answers."""
 
-from socialbot.runs.asking.languages.language import Language
+import re
+
+from socialbot.runs.asking.languages.language import Language, Voices, word_set
 
 FRENCH = Language(
     "fr",
@@ -161,4 +163,15 @@ FRENCH = Language(
         "assumes": "Je vous prends pour la personne {id}.",
         "examples": "Que vois-tu ? | Qu'as-tu fait à {at} secondes ? | Qui était là ? | Que vas-tu faire ensuite ?",
     },
+    Voices(
+        you=word_set("tu vous"),
+        to_you=word_set("te t toi vous"),
+        passive=word_set("ete fus fut"),
+        by=word_set("par"),
+        receive=word_set("recu recois eu obtenu"),
+        source=word_set("de par"),
+        third=word_set("a ont avait avaient"),
+        participle=re.compile(".*(?<!er)"),
+        second=re.compile(".*[sxz]"),
+    ),
 )

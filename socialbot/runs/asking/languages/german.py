@@ -1,6 +1,8 @@
 """German questions and answers."""
 
-from socialbot.runs.asking.languages.language import Language
+import re
+
+from socialbot.runs.asking.languages.language import Language, Voices, word_set
 
 GERMAN = Language(
     "de",
@@ -177,4 +179,14 @@ GERMAN = Language(
             "Was siehst du? | Was hast du bei Sekunde {at} gemacht? | Wer war hier? | Was machst du als Nächstes?"
         ),
     },
+    Voices(
+        you=word_set("du ihr"),
+        to_you=word_set("dich dir euch"),
+        passive=word_set("wurdest wurde wurden worden"),
+        by=word_set("von"),
+        receive=word_set("bekommen bekam bekamst erhalten erhielt gekriegt kriegtest empfangen"),
+        source=word_set("von"),
+        third=word_set("hat haben hatte hatten"),
+        participle=re.compile(".*t|.*ge.*en"),
+    ),
 )

@@ -6,6 +6,7 @@ every agent knows (``see``, ``do``), a reference (``me``, ``people``), a tense o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,38 @@ INTERROGATIVES = (
 
 
 @dataclass(frozen=True)
+class Voices:
+    """Words that tell who does a deed, in the active and the passive voice.
+
+    Args:
+        you: The robot as a subject.
+        to_you: The robot as an object.
+        passive: Forms of the auxiliary of the passive voice.
+        by: Prepositions before the one who does it.
+        receive: Verbs of receiving, with a meaning like that of the passive voice.
+        source: Prepositions behind them.
+        third: Auxiliaries whose subject is a third person.
+        participle: Form of the verb in the passive voice.
+        second: Form of a verb whose subject is the robot, even if no word says so.
+    """
+
+    you: frozenset[str]
+    to_you: frozenset[str]
+    passive: frozenset[str]
+    by: frozenset[str]
+    receive: frozenset[str]
+    source: frozenset[str]
+    third: frozenset[str]
+    participle: re.Pattern[str]
+    second: re.Pattern[str] = re.compile("(?!)")
+
+
+def word_set(text: str) -> frozenset[str]:
+    """Return the words of a text."""
+    return frozenset(text.split())
+
+
+@dataclass(frozen=True)
 class Language:
     """Words by class, and sentences of answers by name."""
 
@@ -23,6 +56,7 @@ class Language:
     words: Mapping[str, str]
     """Alternatives, separated by commas; an alternative may have several words."""
     sentences: Mapping[str, str]
+    voices: Voices
 
     @cached_property
     def phrases(self) -> dict[str, tuple[tuple[str, ...], ...]]:

@@ -1,6 +1,8 @@
 """Spanish questions and answers."""
 
-from socialbot.runs.asking.languages.language import Language
+import re
+
+from socialbot.runs.asking.languages.language import Language, Voices, word_set
 
 SPANISH = Language(
     "es",
@@ -153,4 +155,15 @@ SPANISH = Language(
         "assumes": "Te tomo por la persona {id}.",
         "examples": "¿Qué ves? | ¿Qué hiciste a los {at} segundos? | ¿Quién estuvo aquí? | ¿Qué harás después?",
     },
+    Voices(
+        you=word_set("tu usted"),
+        to_you=word_set("te ti"),
+        passive=word_set("fue fuiste fueron sido siendo"),
+        by=word_set("por"),
+        receive=word_set("recibio recibiste recibido obtuvo obtuviste"),
+        source=word_set("de"),
+        third=word_set("ha han habia habian"),
+        participle=re.compile(".*d[oa]s?"),
+        second=re.compile(".*(s|ste)"),
+    ),
 )
