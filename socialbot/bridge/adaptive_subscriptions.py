@@ -13,8 +13,8 @@ from typing import Any
 from socialbot.bags.codec import STRING
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.qos import matching_qos
-from socialbot.bridge.stream_watch import Note, Watch, WatchedSubscription, noting
-from socialbot.bridge.transport import Transport, is_sealed, log_refusal, message_class
+from socialbot.bridge.stream_watch import Backoff, Note, Watch, WatchedSubscription, noting
+from socialbot.bridge.transport import Transport, is_power_of_ten, is_sealed, log_refusal, message_class
 from socialbot.core.errors import MessageError
 
 log = getLogger("socialbot.transport")
@@ -27,7 +27,9 @@ DEPTH = 100
 class AdaptiveSubscription:
     """Subscription whose quality of service matches all publishers, including new ones.
 
-    With a ``watch`` it is also replaced when messages do not arrive. The node ``ros`` must be spun.
+    It fits a weaker publisher at once. It is strict again after the weaker one has left, but ever more seldom if that
+    happens often: a stranger may come and go. With a ``watch`` it is also replaced when messages do not arrive. The
+    node ``ros`` must be spun.
     """
 
     ros: Any
@@ -37,10 +39,16 @@ class AdaptiveSubscription:
     raw: bool
     depth: int = DEPTH
     watch: Watch | None = None
+    clock: Callable[[], float] = time.monotonic
     _qos: Any = field(default=None, init=False)
     _subscription: Any = field(default=None, init=False)
     _watched: WatchedSubscription | None = field(default=None, init=False)
     _adapted: float = field(default=-math.inf, init=False)
+    _strict_again: Backoff = field(init=False)
+    _replacements: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._strict_again = Backoff(self.clock)
 
     @property
     def latched(self) -> bool:
@@ -51,16 +59,19 @@ class AdaptiveSubscription:
 
     def adapt(self) -> None:
         """Subscribe again if the publishers have changed, or messages do not arrive."""
-        if time.monotonic() - self._adapted < ADAPT_PERIOD_S:
+        now = self.clock()
+        if now - self._adapted < ADAPT_PERIOD_S:
             return
-        self._adapted = time.monotonic()
+        self._adapted = now
         publishers = publishers_of(self.ros, self.name)
         qos = matching_qos(publishers, self.depth)
-        if qos == self._qos or (not publishers and self._subscription is not None):
-            if self._watched is not None and (reason := self._watched.fault(expects_publishers=bool(publishers))):
-                log.warning("%s: subscribed again: %s", self.name, reason)
-                self._watched.replace()
+        is_stricter = self._qos is not None and _strictness(qos) > _strictness(self._qos)
+        is_fixed = not publishers and self._subscription is not None
+        if qos == self._qos or is_fixed or (is_stricter and not self._strict_again.is_over):
+            self._replace_faulty(expects_publishers=bool(publishers))
             return
+        if is_stricter:
+            self._strict_again.begin()
         self._qos = qos
         if self._watched is not None and not self._watched.overlaps:
             # Seals show which messages both receive, so none is lost. The old one may match no new publisher.
@@ -70,7 +81,16 @@ class AdaptiveSubscription:
         if self.watch is None:
             self._subscription = self._create(lambda _: None)
         else:
-            self._subscription = self._watched = WatchedSubscription(self.ros, self._create, self.watch)
+            self._watched = WatchedSubscription(self.ros, self._create, self.watch, self.clock)
+            self._subscription = self._watched
+
+    def _replace_faulty(self, *, expects_publishers: bool) -> None:
+        if self._watched is None or not (reason := self._watched.fault(expects_publishers=expects_publishers)):
+            return
+        self._replacements += 1
+        if is_power_of_ten(self._replacements):
+            log.warning("%s: subscribed again (%d): %s", self.name, self._replacements, reason)
+        self._watched.replace()
 
     def _create(self, note: Note) -> Any:
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -89,6 +109,13 @@ class AdaptiveSubscription:
             self._watched.destroy()
         elif self._subscription is not None:
             self.ros.destroy_subscription(self._subscription)
+
+
+def _strictness(qos: Any) -> tuple[bool, bool]:
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+    is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return qos.reliability == ReliabilityPolicy.RELIABLE, is_latched
 
 
 def verified_subscriptions(

@@ -7,6 +7,9 @@ that does not receive those of all its publishers, or loses messages for a time,
 
 False packets of discovery can remove a publisher for a process, and its later subscriptions for the publisher. Only a
 new DDS participant, so a new process, receives its messages again. So processes count lost publishers.
+
+A publisher of a stranger sends no seals, so it looks like one whose messages never arrive. Such faults are not sure:
+their pauses grow.
 """
 
 from __future__ import annotations
@@ -22,7 +25,11 @@ BEACON_S = 2.0
 SILENT_S = 3 * BEACON_S
 """Time (s) without a sealed message after which a publisher is silent, and first time between two replacements."""
 MAX_PAUSE_S = 2 * SILENT_S
-"""Longest time (s) between two replacements of a subscription."""
+"""Longest time (s) between two replacements of a subscription that surely misses messages."""
+FOREIGN_PAUSE_S = 300.0
+"""Longest time (s) between two replacements because of publishers that may have no key."""
+KNOWN_S = 600.0
+"""Time (s) for which a silent publisher that was heard before is missed: another one may have taken its place."""
 CHECK_S = 1.0
 """Shortest time (s) between two checks."""
 OVERLAP_S = BEACON_S
@@ -39,6 +46,11 @@ StreamKey = tuple[str, str]
 
 class Watch(Protocol):
     """Watch over what arrives on one subscription."""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the last fault shows missed messages; else its only cause may be publishers without keys."""
+        ...
 
     def fault(self, publishers: int) -> str:
         """Why the subscription, with a number of matched ``publishers``, misses messages; empty if it does not."""
@@ -99,7 +111,10 @@ class StreamWatch(Overlap):
     """Time of the first and the last loss between two messages, of those that followed soon."""
     _known: int = field(default=0, init=False)
     """Number of publishers with keys, as far as they were heard."""
+    _complete_at: float = field(default=-math.inf, init=False)
+    """Last time when all known publishers were heard."""
     _publishers: int = field(default=0, init=False)
+    _is_sure: bool = field(default=False, init=False)
     _missing: tuple[int, float] = field(default=(0, 0.0), init=False)
     """Number of missing publishers, and since when."""
 
@@ -116,14 +131,19 @@ class StreamWatch(Overlap):
         if len(self._heard) > MAX_STREAMS:
             del self._heard[next(iter(self._heard))]
 
+    @property
+    def is_sure(self) -> bool:
+        return self._is_sure
+
     def fault(self, publishers: int) -> str:
         heard = self._heard_now()
-        self._known = max(heard, self._known - max(0, self._publishers - publishers))
-        self._publishers = publishers
+        self._update_known(heard, publishers)
+        self._is_sure = True
         if self.expects_all and self._lost:
             return f"{self._lost} messages did not arrive"
         if self.expects_all and self._losses and (lost_s := self._losses[1] - self._losses[0]) > SILENT_S:
             return f"messages are lost for {lost_s:.0f} s"
+        self._is_sure = min(self._known, publishers) > heard
         silent = (min(self._known, publishers) if self.has_foreign else publishers) - heard
         return f"{silent} of {publishers} publishers are silent" if silent > 0 else ""
 
@@ -132,6 +152,17 @@ class StreamWatch(Overlap):
         if missing != self._missing[0]:
             self._missing = missing, now
         return missing if now - self._missing[1] >= LOST_S else 0
+
+    def _update_known(self, heard: int, publishers: int) -> None:
+        # Where all publishers should have keys, one that leaves while another stays silent may be a stranger.
+        left = max(0, self._publishers - publishers) if self.has_foreign else 0
+        self._publishers = publishers
+        self._known = max(heard, min(self._known - left, publishers))
+        now = self.clock()
+        if self._known == heard:
+            self._complete_at = now
+        elif now - self._complete_at > KNOWN_S:
+            self._known = heard
 
     def _heard_now(self) -> int:
         now = self.clock()
@@ -164,24 +195,58 @@ class _Arrivals:
         return {content for content, at in self._times.items() if at <= end}
 
 
+@dataclass(eq=False)
+class Backoff:
+    """Pauses between replacements whose cause may be publishers without keys. Each is twice as long as the one before.
+
+    They are short again after a quiet time of `FOREIGN_PAUSE_S`.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    _pause_s: float = field(default=SILENT_S, init=False)
+    _begun: float = field(default=-math.inf, init=False)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no pause is left."""
+        return self.clock() - self._begun >= self._pause_s
+
+    def begin(self) -> None:
+        """Begin the next pause, unless one has begun just now."""
+        passed = self.clock() - self._begun
+        if passed < CHECK_S:
+            return
+        before_s = SILENT_S if passed > self._pause_s + FOREIGN_PAUSE_S else self._pause_s
+        self._pause_s = min(2 * before_s, FOREIGN_PAUSE_S)
+        self._begun = self.clock()
+
+
 class WatchedSubscription:
     """Subscription of the rclpy node ``ros`` that can be replaced.
 
-    ``create`` makes an rclpy subscription that calls the given function with each message first.
+    ``create`` makes an rclpy subscription that calls the given function with each message first. Subscriptions that are
+    replaced together share a ``backoff``.
     """
 
     def __init__(
-        self, ros: Any, create: Callable[[Note], Any], watch: Watch, clock: Callable[[], float] = time.monotonic
+        self,
+        ros: Any,
+        create: Callable[[Note], Any],
+        watch: Watch,
+        clock: Callable[[], float] = time.monotonic,
+        backoff: Backoff | None = None,
     ) -> None:
         self._ros = ros
         self._create = create
         self._watch = watch
         self._clock = clock
+        self._backoff = backoff or Backoff(clock)
+        self._is_unsure = False
         self._replaced: tuple[Any, _Arrivals] | None = None
         self._subscription, self._arrivals = self._created()
         self._replaced_at, self._may_fail = -math.inf, True
         self._publishers = 0
-        self._since = self._checked = clock()
+        self._begun = self._since = self._checked = clock()
         self._pause_s = SILENT_S
         self._destroyed = False
 
@@ -220,7 +285,10 @@ class WatchedSubscription:
         reason = self._watch.fault(self._publishers) if self._publishers else deaf
         if not reason:
             self._pause_s = SILENT_S
-        return reason if now - self._since >= self._pause_s else ""
+        self._is_unsure = bool(reason) and not (self._publishers and self._watch.is_sure)
+        if self._is_unsure:
+            return reason if now - self._since >= self._pause_s and self._backoff.is_over else ""
+        return reason if now - self._begun >= self._pause_s else ""
 
     def lost(self, wanted: int) -> int:
         """How many of the ``wanted`` publishers with keys are lost: only another participant may receive them."""
@@ -240,7 +308,10 @@ class WatchedSubscription:
             self._subscription, self._arrivals = self._created()
             self._replaced_at, self._may_fail = self._clock(), may_fail
             self._watch.begin_again()
-        self._since, self._publishers = self._clock(), 0
+        if self._is_unsure:
+            self._backoff.begin()
+        self._begun = self._since = self._clock()
+        self._publishers = 0
         self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
 
     def destroy(self) -> None:

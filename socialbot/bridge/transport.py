@@ -35,7 +35,7 @@ from socialbot.bridge.environment import (
     ros_remedy,
 )
 from socialbot.bridge.qos import QUEUE_DEPTH, SEALED_DEPTH, profile, publisher_qos, sealed_qos, subscription_qos
-from socialbot.bridge.stream_watch import BEACON_S, Note, Watch, WatchedSubscription, noting, replace_faulty
+from socialbot.bridge.stream_watch import BEACON_S, Backoff, Note, Watch, WatchedSubscription, noting, replace_faulty
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import Message, Structured
@@ -155,6 +155,7 @@ class Transport:
         self._senders: WeakSet[Sender] = WeakSet()
         self._matchers: WeakSet[SealMatcher] = WeakSet()
         self._watched: WeakSet[WatchedSubscription] = WeakSet()
+        self._backoff = Backoff()
         self._timers: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
         self.resubscribed: Counter[str] = Counter()
         """How often subscriptions were replaced, by the topic whose messages did not arrive."""
@@ -338,7 +339,7 @@ class Transport:
         return create(lambda _: None) if opener is None else self._watch(ros, create, opener.watch)
 
     def _watch(self, ros: Any, create: Callable[[Note], Any], watch: Watch) -> WatchedSubscription:
-        made = WatchedSubscription(ros, create, watch)
+        made = WatchedSubscription(ros, create, watch, backoff=self._backoff)
         with self._lock:
             self._watched.add(made)
         self._schedule_renewal(ros)

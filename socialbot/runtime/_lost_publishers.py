@@ -7,6 +7,7 @@ publisher that does not run, or whose machine cannot be reached, is missed for a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ STEADY_S = LOST_S + SILENT_S
 """Time (s) after which others should have heard a running node."""
 RENEWAL_PAUSE_S = 30.0
 """Shortest life (s) of a participant that is replaced: a flood of false packets goes on."""
+LONGEST_PAUSE_S = 300.0
+"""Longest such life (s), if replacements before did not help."""
 
 
 @dataclass
@@ -59,3 +62,29 @@ class RunningNodes:
     def _runs(self, node: str) -> bool:
         since, last = self._seen.get(node, (0.0, -FRESH_S))
         return last - since >= STEADY_S and self.clock() - last <= FRESH_S
+
+
+@dataclass(eq=False)
+class RenewalBackoff:
+    """Pauses between new participants of one process. Each that does not help doubles the next pause."""
+
+    clock: Callable[[], float] = time.monotonic
+    _begun: float = field(default=-math.inf, init=False)
+    _lost_at: float = field(default=-math.inf, init=False)
+    _pause_s: float = field(default_factory=lambda: RENEWAL_PAUSE_S, init=False)
+
+    def started(self) -> None:
+        """Note that the process has a new participant."""
+        self._begun = self.clock()
+
+    def is_due(self, *, is_lost: bool) -> bool:
+        """Whether to renew the participant now, as it has lost a publisher. Call it often."""
+        now = self.clock()
+        if is_lost:
+            self._lost_at = now
+        elif now - max(self._begun, self._lost_at) >= RENEWAL_PAUSE_S:
+            self._pause_s = RENEWAL_PAUSE_S
+        if not is_lost or now - self._begun < self._pause_s:
+            return False
+        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+        return True

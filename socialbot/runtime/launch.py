@@ -23,7 +23,7 @@ from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.graph.status import ACTIVE
 from socialbot.runs.record import RunTrace
-from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RunningNodes
+from socialbot.runtime._lost_publishers import RenewalBackoff, RunningNodes
 from socialbot.runtime._processes import (
     DOCUMENTED,
     Process,
@@ -198,6 +198,7 @@ class Member:
     """How many publishers each of its nodes has lost, by topic."""
     renewal: str = ""
     """Topic for which it is started again with a new DDS participant."""
+    renewals: RenewalBackoff = field(default_factory=RenewalBackoff)
     started: float = 0.0
     due: float | None = None
     last_error: str = ""
@@ -293,9 +294,10 @@ class Supervisor:
                 elif not member.hung and (hung := self._hung(member, now)):
                     member.hung = hung
                     member.process.kill()
-                elif not member.renewal and now - member.started >= RENEWAL_PAUSE_S:
-                    member.renewal = next(filter(None, map(self.running.lost, member.lost.values())), "")
-                    if member.renewal:
+                elif not member.renewal:
+                    lost = next(filter(None, map(self.running.lost, member.lost.values())), "")
+                    if member.renewals.is_due(is_lost=bool(lost)):
+                        member.renewal = lost
                         member.process.send_signal(signal.SIGINT)
             elif member.due is not None and now >= member.due:
                 self._restart(member, now)
@@ -359,6 +361,7 @@ class Supervisor:
         now = time.monotonic()
         member.channel, member.due, member.hung, member.renewal = channel, None, "", ""
         member.started = now
+        member.renewals.started()
         member.lost.clear()
         member.states.clear()
         member.waits.clear()

@@ -25,7 +25,7 @@ from socialbot.core.messages import Health
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
-from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S
+from socialbot.runtime._lost_publishers import RenewalBackoff
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
@@ -88,6 +88,7 @@ class _NodesUp:
         self._is_first = well is None
         self._outputs = {config.name: tuple(topic for topic, _ in config.publications) for config in self._graph.nodes}
         self._observers = 0
+        self._renewals = RenewalBackoff()
         self.supervisor = Supervisor(
             self._graph,
             execution.logs,
@@ -123,7 +124,8 @@ class _NodesUp:
                 ends.enter_context(self.supervisor)
             else:
                 ends.push(self.supervisor)
-            spin, lost, begun = SpinWatch(observer.ros), LostWatch(observer, graph), time.monotonic()
+            spin, lost = SpinWatch(observer.ros), LostWatch(observer, graph)
+            self._renewals.started()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
             while not (ending.asked or restarted(self.supervisor, self._begun, source.missed())):
@@ -133,8 +135,8 @@ class _NodesUp:
                     give_up(observer.ros)
                     ends.pop_all()
                     return "DDS does not answer this process"
-                is_due = time.monotonic() - begun >= RENEWAL_PAUSE_S
-                if is_due and (topic := self.supervisor.running.lost(lost.lost)):
+                topic = self.supervisor.running.lost(lost.lost)
+                if self._renewals.is_due(is_lost=bool(topic)):
                     ends.pop_all()
                     return f"this process does not receive {topic} any more"
                 diagnostics.publish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -275,6 +276,33 @@ def test_invalid_messages_push_no_other_out_of_the_queue(delivery: Delivery, key
             assert eventually(all_arrived, 10.0), (heard, kept.refused)
         finally:
             executor.shutdown()
+
+
+@pytest.mark.slow
+def test_an_unsealed_publisher_that_stays_is_seldom_a_reason_to_subscribe_again(
+    keys: Keys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does it cost a message of others."""
+    monkeypatch.setenv(wires.WINDOW_VARIABLE, "1.0")
+    for name, seconds in (("SILENT_S", 1.5), ("MAX_PAUSE_S", 1.5), ("FOREIGN_PAUSE_S", 6.0)):
+        monkeypatch.setattr(stream_watch, name, seconds)
+    with hosted(Mouth) as (mouth,), spinning_node("outside") as ros:
+        sender = wires.open_transport().advertise(ros, TOPIC, Utterance)
+        ros.create_publisher(wires.message_class(wires.STRING), TOPIC, 10)
+        said: list[str] = []
+        times: list[float] = []
+
+        def heard() -> bool:
+            said.append(str(len(said)))
+            sender.publish(Utterance(stamp=time.time_ns(), id=said[-1], text=said[-1]))
+            times.extend([time.monotonic()] * (mouth.statistics.resubscribed[TOPIC] - len(times)))
+            return len(times) == 4
+
+        assert eventually(heard)
+        pauses = [later - before for before, later in itertools.pairwise(times)]
+        assert [pause >= least for pause, least in zip(pauses, (2.5, 5.5, 5.5), strict=True)] == 3 * [True], pauses
+        assert eventually(lambda: mouth.node.said[-1:] == said[-1:])
+        assert mouth.node.said == said[said.index(mouth.node.said[0]) :]
 
 
 @pytest.mark.slow

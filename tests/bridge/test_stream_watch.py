@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
 
 import pytest
@@ -10,11 +11,14 @@ from socialbot.bridge.detached_seals import LOST_MATCHED_S, LOST_MESSAGES, MISSI
 from socialbot.bridge.stream_watch import (
     CHECK_S,
     COPIES_S,
+    FOREIGN_PAUSE_S,
+    KNOWN_S,
     LOST_S,
     MAX_PAUSE_S,
     MAX_STREAMS,
     OVERLAP_S,
     SILENT_S,
+    Backoff,
     Note,
     StreamWatch,
     WatchedSubscription,
@@ -194,6 +198,39 @@ class TestStreamWatch:
         time.passes(LOST_S)
         assert watch.lost(1, 0) == 0
 
+    def test_only_publishers_that_were_heard_are_surely_missed(self, watch, time):
+        watch.fault(1)
+        assert not watch.is_sure
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.fault(2)
+        assert not watch.is_sure
+        time.passes(SILENT_S + 0.1)
+        watch.fault(2)
+        assert watch.is_sure
+        watch.begin_again()
+        watch.fault(2)
+        assert watch.is_sure
+        watch.note(ROBOT, 2, is_beacon=False)
+        watch.fault(2)
+        assert not watch.is_sure
+        watch.note(ROBOT, 4, is_beacon=True)
+        watch.fault(2)
+        assert watch.is_sure
+
+    @pytest.mark.parametrize("has_foreign", [False, True])
+    def test_a_publisher_that_left_as_another_one_came_is_forgotten(self, watch, time, has_foreign):
+        """A stranger may hide that a publisher has left, as their number stays the same."""
+        watch.has_foreign = has_foreign
+        watch.note(ROBOT, 1, is_beacon=False)
+        for _ in range(round(SILENT_S + KNOWN_S)):
+            watch.fault(1)
+            time.passes(1.0)
+        assert watch.fault(1)
+        assert watch.is_sure
+        time.passes(2.0)
+        assert bool(watch.fault(1)) != has_foreign
+        assert not watch.is_sure
+
     def test_memory_is_bounded(self, watch):
         for number in range(2 * MAX_STREAMS):
             watch.note(("robot", str(number)), 1, is_beacon=False)
@@ -250,12 +287,97 @@ class TestMessageWatch:
         assert len(watch._missed) == MAX_STREAMS
 
 
+class TestBackoff:
+    def test_each_pause_is_twice_as_long_as_the_one_before(self, time):
+        backoff, pauses = Backoff(time), []
+        for _ in range(7):
+            assert backoff.is_over
+            backoff.begin()
+            begun = time.now
+            while not backoff.is_over:
+                time.passes(1.0)
+            pauses.append(time.now - begun)
+        assert pauses == [12.0, 24.0, 48.0, 96.0, 192.0, FOREIGN_PAUSE_S, FOREIGN_PAUSE_S]
+
+    @pytest.mark.parametrize(("quiet_s", "pause_s"), [(FOREIGN_PAUSE_S, 96.0), (FOREIGN_PAUSE_S + 1.0, 12.0)])
+    def test_begins_anew_after_a_quiet_time(self, time, quiet_s, pause_s):
+        backoff = Backoff(time)
+        for _ in range(3):
+            backoff.begin()
+            time.passes(48.0)
+        time.passes(quiet_s)
+        backoff.begin()
+        time.passes(pause_s - 1.0)
+        assert not backoff.is_over
+        time.passes(1.0)
+        assert backoff.is_over
+
+    def test_faults_at_once_count_once(self, time):
+        backoff = Backoff(time)
+        backoff.begin()
+        backoff.begin()
+        time.passes(12.0)
+        assert backoff.is_over
+
+
 class TestWatchedSubscription:
-    def test_silence_of_a_publisher_replaces_it_ever_more_seldom(self, subscription, time):
+    def test_a_heard_publisher_that_is_silent_replaces_it_every_12_s(self, subscription, watch, time):
+        watch.note(ROBOT, 1, is_beacon=False)
         first, second, third, fourth = faults(subscription, time, 60.0)[:4]
-        assert first == SILENT_S + CHECK_S  # the publisher was found at the first check
-        assert second - first == MAX_PAUSE_S + CHECK_S
-        assert third - second == fourth - third == MAX_PAUSE_S + CHECK_S
+        assert first == SILENT_S + CHECK_S
+        assert second - first == MAX_PAUSE_S
+        assert third - second == fourth - third == MAX_PAUSE_S
+
+    def test_a_publisher_that_never_sends_a_seal_replaces_it_ever_more_seldom(self, subscription, ros, watch, time):
+        """It may be a stranger, who shall not keep the node busy."""
+        ros.publishers, number, replaced = 2, 0, []
+        for second in range(3600):
+            watch.note(ROBOT, number := number + 1, is_beacon=False)
+            if faults(subscription, time, CHECK_S):
+                replaced.append(second)
+        pauses = [later - before for before, later in itertools.pairwise(replaced)]
+        assert replaced[0] <= SILENT_S + CHECK_S
+        assert pauses[:5] == sorted(pauses[:5])
+        assert all(FOREIGN_PAUSE_S <= pause <= FOREIGN_PAUSE_S + CHECK_S for pause in pauses[5:])
+        assert len(replaced) <= 6 + 3600 / FOREIGN_PAUSE_S
+
+    @pytest.mark.parametrize("period_s", [3, 10, 13, 30, 100])
+    @pytest.mark.parametrize("gap", [1, 4])
+    def test_a_stranger_who_comes_and_goes_does_not_keep_the_node_busy(self, ros, time, period_s, gap):
+        """On one topic after the other."""
+        backoff, watches = Backoff(time), [StreamWatch(clock=time) for _ in range(4)]
+        strangers = [0, 0, 0, 0]
+
+        def made(place):
+            def create(note):
+                made = ros.create(note, f"/topic{place}")
+                made.get_publisher_count = lambda: 1 + strangers[place]
+                return made
+
+            return WatchedSubscription(ros, create, watches[place], time, backoff)
+
+        subscriptions, replaced = [made(place) for place in range(4)], 0
+        for second in range(3600):
+            strangers[:] = [second // period_s % (4 * gap) == gap * place for place in range(4)]
+            for watch in watches:
+                watch.note(ROBOT, second, is_beacon=False)
+            replaced += bool(replace_faulty(subscriptions))
+            time.passes(CHECK_S)
+        assert replaced <= 6 + 3600 / FOREIGN_PAUSE_S
+
+    @pytest.mark.parametrize("period_s", [0, 3, 10])
+    def test_a_loss_is_mended_as_soon_beside_a_stranger(self, subscription, ros, watch, time, period_s):
+        for number in range(900):
+            ros.publishers = 2 if not period_s else 2 + number // period_s % 2
+            watch.note(ROBOT, number, is_beacon=False)
+            faults(subscription, time, CHECK_S)
+        replaced = []
+        for second in range(40):
+            ros.publishers = 2 if not period_s else 2 + second // period_s % 2
+            if faults(subscription, time, CHECK_S):
+                replaced.append(second + 1)
+        assert replaced[0] <= SILENT_S + CHECK_S
+        assert replaced[1] - replaced[0] <= MAX_PAUSE_S + CHECK_S
 
     def test_is_not_replaced_while_messages_arrive(self, subscription, watch, time):
         for number in range(30):
@@ -263,7 +385,8 @@ class TestWatchedSubscription:
             assert faults(subscription, time, 1.0) == []
 
     def test_a_recovered_subscription_is_replaced_as_soon_as_before(self, subscription, watch, time):
-        assert faults(subscription, time, 21.0) == [7.0, 20.0]
+        watch.note(ROBOT, 1, is_beacon=False)
+        assert faults(subscription, time, 21.0) == [7.0, 19.0]
         watch.note(ROBOT, 1, is_beacon=False)
         assert faults(subscription, time, 10.0) == [SILENT_S + CHECK_S]
 
@@ -277,8 +400,7 @@ class TestWatchedSubscription:
             if subscription.fault(expects_publishers=True):
                 subscription.replace()
                 replaced.append(second + 1)
-        assert replaced[0] == MAX_PAUSE_S
-        assert len(replaced) == 3
+        assert replaced == [MAX_PAUSE_S, 2 * MAX_PAUSE_S]
         assert subscription.fault() == ""
 
     def test_without_publishers_silence_is_no_fault(self, subscription, ros, time):
@@ -290,7 +412,9 @@ class TestWatchedSubscription:
             watch.note(ROBOT, number, is_beacon=False)
             faults(subscription, time, 1.0)
         ros.publishers = 2
-        assert faults(subscription, time, SILENT_S) == []
+        for number in range(10, 10 + round(SILENT_S)):
+            watch.note(ROBOT, number, is_beacon=False)
+            assert faults(subscription, time, 1.0) == []
 
     def test_a_publisher_that_leaves_delays_nothing(self, subscription, ros, time):
         ros.publishers = 2

@@ -9,7 +9,14 @@ from socialbot.core.messages import Utterance
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output
-from socialbot.runtime._lost_publishers import FRESH_S, STEADY_S, RunningNodes
+from socialbot.runtime._lost_publishers import (
+    FRESH_S,
+    LONGEST_PAUSE_S,
+    RENEWAL_PAUSE_S,
+    STEADY_S,
+    RenewalBackoff,
+    RunningNodes,
+)
 
 
 class Talker(Node):
@@ -85,3 +92,38 @@ def test_all_nodes_publish_their_health_and_diagnostics(nodes: Nodes, topic: str
     nodes.run(STEADY_S + 1, "hearer")
     assert nodes.running.lost({topic: 2}) == ""
     assert nodes.running.lost({topic: 3}) == topic
+
+
+class Process:
+    """A process whose participant is replaced when that is due, and the time (s)."""
+
+    now = 100.0
+
+    def __init__(self) -> None:
+        self.backoff = RenewalBackoff(lambda: self.now)
+        self.backoff.started()
+
+    def lives(self, seconds: float, *, is_lost: bool) -> list[float]:
+        """Ages (s) of its participants when they are replaced."""
+        begun, ages = self.now, []
+        for _ in range(round(seconds)):
+            self.now += 1.0
+            if self.backoff.is_due(is_lost=is_lost):
+                ages.append(self.now - begun)
+                self.backoff.started()
+                begun = self.now
+        return ages
+
+
+def test_replacements_that_do_not_help_are_ever_more_seldom() -> None:
+    pauses = [RENEWAL_PAUSE_S, 60.0, 120.0, 240.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
+    assert Process().lives(sum(pauses), is_lost=True) == pauses
+
+
+def test_a_loss_after_a_good_time_is_mended_at_once() -> None:
+    process = Process()
+    for _ in range(5):
+        assert process.lives(RENEWAL_PAUSE_S, is_lost=False) == []
+        assert process.lives(1, is_lost=True) == [1.0]
+    assert process.lives(RENEWAL_PAUSE_S - 1, is_lost=False) == []
+    assert process.lives(100, is_lost=True) == [2 * RENEWAL_PAUSE_S - (RENEWAL_PAUSE_S - 1)]

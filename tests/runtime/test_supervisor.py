@@ -20,7 +20,7 @@ import pytest
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.runtime import _lost_publishers, _processes, launch
+from socialbot.runtime import _lost_publishers, _processes
 from socialbot.runtime._processes import ProcessorWaits, RestartPolicy
 from socialbot.runtime.fork_server import ForkServer
 from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, STARVED_LIMITS, Supervisor
@@ -121,7 +121,7 @@ def test_a_process_that_lost_a_running_publisher_is_started_again(
     ends: str,
 ) -> None:
     """It is asked to end, for that a node can stop its actuator. Restarts are not counted as crashes."""
-    monkeypatch.setattr(launch, "RENEWAL_PAUSE_S", 0.2)
+    monkeypatch.setattr(_lost_publishers, "RENEWAL_PAUSE_S", 0.2)
     monkeypatch.setattr(_lost_publishers, "STEADY_S", 0.2)
     scripts["two"] = f"""
 import signal
