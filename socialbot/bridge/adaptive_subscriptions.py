@@ -11,6 +11,7 @@ from logging import getLogger
 from typing import Any
 
 from socialbot.bags.codec import STRING
+from socialbot.bridge import discovery
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.qos import matching_qos
 from socialbot.bridge.stream_watch import Backoff, Note, Watch, WatchedSubscription, noting
@@ -63,12 +64,12 @@ class AdaptiveSubscription:
         if now - self._adapted < ADAPT_PERIOD_S:
             return
         self._adapted = now
-        publishers = publishers_of(self.ros, self.name)
-        qos = matching_qos(publishers, self.depth)
+        found = publishers_of(self.ros, self.name)
+        qos = matching_qos(found, self.depth)
         is_stricter = self._qos is not None and _strictness(qos) > _strictness(self._qos)
-        is_fixed = not publishers and self._subscription is not None
+        is_fixed = not found and self._subscription is not None
         if qos == self._qos or is_fixed or (is_stricter and not self._strict_again.is_over):
-            self._replace_faulty(expects_publishers=bool(publishers))
+            self._replace_faulty(expects_publishers=bool(found))
             return
         if is_stricter:
             self._strict_again.begin()
@@ -176,4 +177,4 @@ def log_refusals(topic: str) -> Callable[[MessageError], None]:
 
 def publishers_of(ros: Any, name: str) -> list[Any]:
     """Return rclpy's information on the publishers of a topic, except those of the node ``ros``."""
-    return [each for each in ros.get_publishers_info_by_topic(name) if each.node_name != ros.get_name()]
+    return [each for each in discovery.publishers(ros, name) if each.node_name != ros.get_name()]

@@ -19,6 +19,7 @@ from socialbot.bridge.diagnostics import (
     subscription_connection,
     unconnected,
 )
+from socialbot.bridge.discovery import readable
 from socialbot.bridge.environment import BLOCKED_S, free_domain, ros_domain, spinning_node, wait_for
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.run_announcer import locked_runs
@@ -185,7 +186,8 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     begun = time.monotonic()
     wait_s = DISCOVERY_S
     while time.monotonic() - begun < wait_s:
-        known = names & set(ros.get_node_names())
+        found = readable(ros.get_node_names)
+        known = names if found is None else names.intersection(found)
         if taken := known & alive:
             here = ", ".join(f"process {pid}" for pid in sorted(others.values()))
             raise NodeError(

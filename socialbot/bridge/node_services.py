@@ -12,6 +12,7 @@ from typing import Any, cast
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from socialbot.bridge.discovery import readable
 from socialbot.bridge.environment import has_keys, ros_domain
 from socialbot.bridge.topics import observer_node
 from socialbot.core.errors import GraphError, NodeError, ParameterError, suggestion
@@ -44,7 +45,10 @@ class NodeClient:
         return found
 
     def _nodes(self) -> list[str]:
-        pairs = self._ros.get_node_names_and_namespaces()
+        pairs = readable(self._ros.get_node_names_and_namespaces)
+        if pairs is None:
+            remedy = "find the program that announces it, and end it"
+            raise NodeError("the name of a node is no text", where=f"domain {ros_domain()}", remedy=remedy)
         names = sorted({f"{space.rstrip('/')}/{name}" for name, space in pairs if not name.startswith("_")})
         return [name for name in names if name.rpartition("/")[2] != self._ros.get_name()]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from socialbot.bags.writer import BagWriter
-from socialbot.bridge import environment
+from socialbot.bridge import discovery, environment
 from socialbot.bridge.adaptive_subscriptions import DEPTH, AdaptiveSubscription, verified_subscriptions
 from socialbot.bridge.topics import is_hidden, observer_node
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
@@ -157,7 +157,7 @@ class _TopicRecorder:
         for topic, type_name in _next(self._waiting):
             if self._subscribe(topic, type_name):
                 self._waiting.remove((topic, type_name))
-        for topic, type_names in self._node.get_topic_names_and_types():
+        for topic, type_names in discovery.topics(self._node):
             if topic in self._topics or (not self._topics and (not is_hidden(topic) or topic.endswith(ANSWERS))):
                 for type_name in type_names:
                     if (topic, type_name) not in self._known:
@@ -167,8 +167,8 @@ class _TopicRecorder:
 
     def _subscribe(self, topic: str, type_name: str) -> bool:
         """Subscribe to a topic that has a publisher; return whether it has one."""
-        publishers = [each for each in self._node.get_publishers_info_by_topic(topic) if each.topic_type == type_name]
-        if not publishers:
+        found = [each for each in discovery.publishers(self._node, topic) if each.topic_type == type_name]
+        if not found:
             return False
         try:
             kind = message_class(type_name)
@@ -176,7 +176,7 @@ class _TopicRecorder:
             self._refused[topic] = error.what
             log.warning("%s is not recorded: %s", topic, error.what)
             return True
-        type_hash = str(publishers[0].topic_type_hash)
+        type_hash = str(found[0].topic_type_hash)
 
         def write(data: bytes) -> None:
             now, latched = self._clock.now(), subscription.latched

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from socialbot.bags.codec import decode
+from socialbot.bridge.discovery import publishers, readable, subscriptions
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import message_class
@@ -121,15 +122,15 @@ def _endpoints(ros: Any, each: Requirement) -> list[Any]:
     if each.kind == "service":
         return _servers(ros, each.name)
     if each.kind == "subscriber":
-        return ros.get_subscriptions_info_by_topic(each.name)
+        return subscriptions(ros, each.name)
     name = f"{each.name}/_action/status" if each.kind == "action" else each.name
-    return ros.get_publishers_info_by_topic(name)
+    return publishers(ros, name)
 
 
 def _servers(ros: Any, service: str) -> list[_Server]:
     found = []
-    for name, namespace in ros.get_node_names_and_namespaces():
-        with contextlib.suppress(RuntimeError):  # the node has ended meanwhile
+    for name, namespace in readable(ros.get_node_names_and_namespaces) or ():
+        with contextlib.suppress(UnicodeDecodeError, RuntimeError):  # the node has ended meanwhile
             offered = dict(ros.get_service_names_and_types_by_node(name, namespace)).get(service, ())
             found += [_Server(name, namespace, kind) for kind in offered]
     return found

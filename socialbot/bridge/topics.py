@@ -20,7 +20,7 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
 from socialbot.bags.codec import decode, ros_type
-from socialbot.bridge import environment
+from socialbot.bridge import discovery, environment
 from socialbot.bridge.adaptive_subscriptions import (
     DEPTH,
     AdaptiveSubscription,
@@ -31,7 +31,7 @@ from socialbot.bridge.adaptive_subscriptions import (
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
 from socialbot.bridge.transport import message_class, open_transport
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
+from socialbot.core.errors import GraphError, InstallationError, MessageError, NodeError, suggestion
 from socialbot.core.messages import NO_JSON, Message, RosMessage, Structured, ros_message
 from socialbot.core.registry import load_reference, message_types
 from socialbot.core.yaml import load_yaml
@@ -151,7 +151,7 @@ def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
     """List the topics discovered by ``ros`` by name, without its own endpoints."""
     seen = (
         TopicInfo(name, tuple(types), len(publishers_of(ros, name)), len(_subscribers(ros, name)))
-        for name, types in ros.get_topic_names_and_types()
+        for name, types in discovery.topics(ros)
     )
     return tuple(sorted(topic for topic in seen if topic.publishers or topic.subscribers))
 
@@ -185,10 +185,19 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
         GraphError: There is no publisher within ``timeout_s``.
     """
     if publishers := wait_for(lambda: publishers_of(ros, name), timeout_s, ended):
-        return publishers[0].topic_type
+        kinds = [each.topic_type for each in publishers]
+        return next(filter(_is_installed, kinds), kinds[0])
     if ended():
         return None
     raise _missing("publisher", name, [topic.name for topic in list_topics(ros) if topic.publishers])
+
+
+def _is_installed(type_name: str) -> bool:
+    try:
+        message_class(type_name)
+    except InstallationError:
+        return False
+    return True
 
 
 def messages(
@@ -298,7 +307,7 @@ def topic_rate(received: Sequence[tuple[float, int]]) -> TopicRate | None:
 
 
 def _subscribers(ros: Any, name: str) -> list[Any]:
-    return [each for each in ros.get_subscriptions_info_by_topic(name) if each.node_name != ros.get_name()]
+    return [each for each in discovery.subscriptions(ros, name) if each.node_name != ros.get_name()]
 
 
 def _missing(end: str, name: str, found: Collection[str]) -> GraphError:
@@ -402,7 +411,7 @@ def publish_once(
     publisher = sender.publisher
 
     def is_complete(connected: int) -> bool:
-        known = [each for each in ros.get_subscriptions_info_by_topic(name) if each.topic_type == ros_type(kind, form)]
+        known = [each for each in discovery.subscriptions(ros, name) if each.topic_type == ros_type(kind, form)]
         return connected >= len(known)
 
     if not _settled(publisher.get_subscription_count, is_complete, STEADY_S, CONNECT_TIMEOUT_S, ended):
@@ -413,7 +422,7 @@ def publish_once(
 
 
 def _subscribed_form(ros: Any, name: str, kind: type[Message]) -> WireForm | None:
-    taken = {each.topic_type for each in ros.get_subscriptions_info_by_topic(name)}
+    taken = {each.topic_type for each in discovery.subscriptions(ros, name)}
     return next((form for form in get_args(WireForm) if ros_type(kind, form) in taken), None)
 
 

@@ -7,6 +7,7 @@ import functools
 import importlib
 import math
 import os
+import re
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, MutableMapping
@@ -59,20 +60,36 @@ ROBOT_PACKAGES = frozenset(
 """Packages that interfaces/robot_interfaces builds for the ROS wheels."""
 
 
+_TYPE_NAME = re.compile(r"([A-Za-z]\w*)/(msg|srv|action)/([A-Za-z]\w*)", re.ASCII)
+
+
 @functools.cache
 def message_class(type_name: str) -> Any:
     """Return the rclpy class of a type such as ``sensor_msgs/msg/Image``.
 
+    The name may come from the network, so no package is imported that has no ROS types.
+
     Raises:
         InstallationError: ROS, or the package of this type, is not installed.
     """
-    module, _, name = type_name.replace("/", ".").rpartition(".")
+    package = type_name.partition("/")[0]
     try:
-        return getattr(importlib.import_module(module), name)
+        if not (match := _TYPE_NAME.fullmatch(type_name)):
+            raise ValueError("not a name of a type")
+        _, folder, name = match.groups()
+        if not _has_types(package, folder):
+            raise ImportError(f"no package {package!r} has ROS types")
+        return getattr(importlib.import_module(f"{package}.{folder}"), name)
     except (ImportError, AttributeError, ValueError) as error:
-        package = type_name.partition("/")[0]
         what = f"the ROS type {type_name} is not installed: {error}"
         raise InstallationError(what, remedy=_remedy(package)) from error
+
+
+def _has_types(package: str, folder: str) -> bool:
+    """Whether an installed package has a ``folder`` of types. It is not imported."""
+    spec = find_spec(package)
+    places = (spec is not None and spec.submodule_search_locations) or ()
+    return any((Path(place) / folder / "__init__.py").is_file() for place in places)
 
 
 def _remedy(package: str) -> str:

@@ -230,6 +230,34 @@ class TestEnvironment:
         assert (finding.state, "chmod 600" in finding.remedy) == ("error", True)
 
 
+class TestMessageClass:
+    """Names of types come from the network and from bags."""
+
+    @pytest.mark.parametrize("name", ["trap/msg/Note", "trap_package/msg/Note", "trap_package.deep/msg/Note"])
+    def test_imports_no_package_without_ros_types(self, name, tmp_path, monkeypatch):
+        (tmp_path / "trap_package" / "deep" / "msg").mkdir(parents=True)
+        for file in ("trap.py", "trap_package/__init__.py", "trap_package/deep/__init__.py"):
+            (tmp_path / file).write_text("from pathlib import Path\nPath(__file__).with_suffix('.imported').touch()\n")
+        (tmp_path / "trap_package" / "deep" / "msg" / "__init__.py").touch()
+        monkeypatch.syspath_prepend(tmp_path)
+        with pytest.raises(InstallationError):
+            transport.message_class(name)
+        assert list(tmp_path.rglob("*.imported")) == []
+
+    @pytest.mark.parametrize(
+        "name", ["", "/", "std_msgs", "std_msgs/String", "std_msgs/msg/../String", "a/b/\n", "/m/S"]
+    )
+    def test_refuses_what_is_no_name_of_a_type(self, name):
+        with pytest.raises(InstallationError, match="not a name of a type"):
+            transport.message_class(name)
+
+    @pytest.mark.ros
+    def test_finds_installed_types(self):
+        assert transport.message_class("std_msgs/msg/String")().data == ""
+        with pytest.raises(InstallationError):
+            transport.message_class("std_msgs/msg/Strings")
+
+
 def test_renewals_of_another_thread_keep_the_order(sealed):
     publisher = Publisher()
     sender = sealed.sender(publisher, latched=True)
