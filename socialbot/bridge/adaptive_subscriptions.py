@@ -78,7 +78,7 @@ class AdaptiveSubscription:
             # Seals show which messages both receive, so none is lost. The old one may match no new publisher.
             self._watched.replace(may_fail=False)
             return
-        self._destroy()
+        self.destroy()
         if self.watch is None:
             self._subscription = self._create(lambda _: None)
         else:
@@ -105,7 +105,8 @@ class AdaptiveSubscription:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def _destroy(self) -> None:
+    def destroy(self) -> None:
+        """Remove the subscription from its node."""
         if self._watched is not None:
             self._watched.destroy()
         elif self._subscription is not None:

@@ -20,8 +20,9 @@ from typing import Any, TypeVar
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import discovery, environment
 from socialbot.bridge.adaptive_subscriptions import DEPTH, AdaptiveSubscription, verified_subscriptions
+from socialbot.bridge.stream_watch import Backoff
 from socialbot.bridge.topics import is_hidden, observer_node
-from socialbot.bridge.transport import message_class, open_transport, refusal_reason
+from socialbot.bridge.transport import is_power_of_ten, message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
 
@@ -117,8 +118,28 @@ def _next(turns: deque[T]) -> list[T]:
     return chosen
 
 
+TRIAL_S = 3.0
+"""Time (s) after which a topic without valid messages is recorded under another of its types, if it has one."""
+
+MOST_TOPICS = 10_000
+"""Limit of topics that are recorded without being named."""
+
 ANSWERS = ("/_service_event", "/_action/status", "/_action/feedback")
 """Ends of hidden topics with the answers of services and actions, from which a replay answers."""
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Subscriptions to a topic under one of its types, since a time (s)."""
+
+    type_name: str
+    subscriptions: tuple[AdaptiveSubscription, ...]
+    begun: float
+    backoff: Backoff
+
+    def is_over(self) -> bool:
+        """Whether another type may be tried, if no message has arrived."""
+        return time.monotonic() - self.begun >= TRIAL_S and self.backoff.is_over
 
 
 class _TopicRecorder:
@@ -132,11 +153,14 @@ class _TopicRecorder:
         self._bag = bag
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
+        self._is_limited = False
         self._known: set[tuple[str, str]] = set()
         """Topics with their types that have been looked up."""
         self._waiting: deque[tuple[str, str]] = deque()
         """Those without a publisher, and all subscriptions: next ones to look up first."""
         self._subscriptions: deque[AdaptiveSubscription] = deque()
+        self._trials: dict[str, _Trial] = {}
+        """Type under which each topic is recorded now."""
 
     def close(self) -> None:
         """Refuse the messages that still wait for a seal."""
@@ -155,27 +179,43 @@ class _TopicRecorder:
         for subscription in _next(self._subscriptions):
             subscription.adapt()
         for topic, type_name in _next(self._waiting):
-            if self._subscribe(topic, type_name):
-                self._waiting.remove((topic, type_name))
+            self._waiting.remove((topic, type_name))
+            if not self._subscribe(topic, type_name):
+                self._waiting.append((topic, type_name))
         for topic, type_names in discovery.topics(self._node):
             if topic in self._topics or (not self._topics and (not is_hidden(topic) or topic.endswith(ANSWERS))):
                 for type_name in type_names:
-                    if (topic, type_name) not in self._known:
+                    if (topic, type_name) not in self._known and not self._is_full(topic):
                         self._known.add((topic, type_name))
                         if not self._subscribe(topic, type_name):
                             self._waiting.append((topic, type_name))
 
+    def _is_full(self, topic: str) -> bool:
+        """Whether there are too many topics to record another one: anybody can announce any number."""
+        if len(self._known) < MOST_TOPICS or topic in self._topics:
+            return False
+        if not self._is_limited:
+            self._is_limited = True
+            log.warning("more than %d topics: further ones are not recorded, unless they are named", MOST_TOPICS)
+        return True
+
     def _subscribe(self, topic: str, type_name: str) -> bool:
-        """Subscribe to a topic that has a publisher; return whether it has one."""
+        """Subscribe to a topic that has a publisher; return whether that is settled."""
         found = [each for each in discovery.publishers(self._node, topic) if each.topic_type == type_name]
         if not found:
             return False
         try:
             kind = message_class(type_name)
         except InstallationError as error:
-            self._refused[topic] = error.what
-            log.warning("%s is not recorded: %s", topic, error.what)
+            self._refuse(topic, error.what)
             return True
+        if (trial := self._trials.get(topic)) is not None:
+            if self._bag.counts.get(topic):
+                self._refuse(topic, f"also of the type {type_name}, but recorded as {trial.type_name}")
+                return True
+            if not trial.is_over():
+                return False
+            self._end(topic, trial)
         type_hash = str(found[0].topic_type_hash)
 
         def write(data: bytes) -> None:
@@ -187,8 +227,23 @@ class _TopicRecorder:
         for each in (*seals, subscription):
             each.adapt()
         self._subscriptions += (*seals, subscription)
+        backoff = Backoff() if trial is None else trial.backoff
+        self._trials[topic] = _Trial(type_name, (*seals, subscription), time.monotonic(), backoff)
         log.info("recording %s (%s)", topic, type_name)
         return True
+
+    def _end(self, topic: str, trial: _Trial) -> None:
+        """Record a topic under another type: DDS takes one at a time, and a stranger may have announced the first."""
+        trial.backoff.begin()
+        for each in trial.subscriptions:
+            each.destroy()
+            self._subscriptions.remove(each)
+        self._waiting.append((topic, trial.type_name))
+
+    def _refuse(self, topic: str, reason: str) -> None:
+        self._refused[topic] = reason
+        if is_power_of_ten(len(self._refused)):
+            log.warning("%s is not recorded: %s (%d topics)", topic, reason, len(self._refused))
 
     def _count_invalid(self, topic: str, error: MessageError) -> None:
         reasons = self._invalid.setdefault(topic, Counter())

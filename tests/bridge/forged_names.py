@@ -26,6 +26,7 @@ PUBLISHERS: dict[str, tuple[bytes, bytes]] = {
     "topic": (b"rt/\xff\xfe", b"std_msgs::msg::dds_::String_"),
     "topic_controls": (b"rt/\x1b[2J", b"std_msgs::msg::dds_::String_"),
     "type": (b"TOPIC", b"std_msgs::msg::dds_::\xff\xfe_"),
+    "other_type": (b"TOPIC", b"std_msgs::msg::dds_::Bool_"),
     "module": (b"TOPIC", b"forged_module::msg::dds_::String_"),
 }
 """Name in DDS of the topic of a publisher, and of its type, by kind."""

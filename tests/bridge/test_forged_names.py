@@ -67,6 +67,7 @@ def has_arrived(ros: Any, kind: str) -> bool:
         "many": nodes is not None and len(nodes) > 1000,
         "controls": nodes is not None and any("\x1b" in name for name in nodes),
         "topic_controls": topics is not None and "/\x1b[2J" in dict(topics),
+        "other_type": topics is not None and "std_msgs/msg/Bool" in dict(topics).get(TOPIC, ()),
         "module": topics is not None and "forged_module/msg/String" in dict(topics).get(TOPIC, ()),
     }[kind]
 
