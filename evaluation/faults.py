@@ -118,6 +118,12 @@ ROWS: Mapping[str, Row] = {
         "both processes go on; messages arrive again within 2 s after each attack, after packets in the name of a "
         "publisher within 15 s",
     ),
+    "flood": Row(
+        "evaluation.faults_flood:flood",
+        "a stranger floods topics and discovery of a whole graph, keys set",
+        "no node is restarted; decisions come as often as before within 20 s after each flood, 100 s "
+        "after false participants",
+    ),
     "soak": Row(
         "evaluation.faults_soak:soak",
         "4 h of bag time through the ROS graph at speed",

@@ -167,7 +167,7 @@ def names(chance: random.Random, known: bytes) -> bytes:
     """Other names of the nodes of a publisher's process: names of nodes of the graph, of no text, or many."""
     odd = (b"head", b"speech", b"\xff\xfe", b"\x1b[2J", b"x" * 200)
     many = [b"n%d" % chance.randrange(2**20) for _ in range(25)]
-    return node_list(known, chance.choice((odd[:2], odd, many)), chance.randrange(1000, 2**30))
+    return node_list(known, chance.choice((odd[:2], odd, many)), chance.randrange(1000, 2**20))
 
 
 ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {

@@ -36,7 +36,10 @@ SAY, IMAGES = "/speech/say", "/camera/image_raw"
 SENTENCES_HZ, IMAGES_HZ = 20, 10
 SETTLE_S = 3.0
 FLOODS = ("none", "sentences", "seals", "pictures")
-PICTURES_HZ = 30
+TEXTS = "texts"
+"""Flood of a whole graph: sealed texts of 200 kB with a wrong signature, on topics that many nodes hear."""
+TEXTS_TO = (SAY, "/health", "/waldo/actions", "/humans/bodies/detections", "/head/command")
+PICTURES_HZ, TEXTS_HZ, TEXT_BYTES = 30, 20, 200_000
 GRAPH = """
 name: flooded
 inputs: [/speech/say, /camera/image_raw]
@@ -75,19 +78,24 @@ def flood(kind: str, rate_hz: float) -> None:
     with tempfile.TemporaryDirectory() as folder, spinning_node("stranger") as ros:
         new_key("robot", Path(folder))  # the name of the sender, with another key
         keys = load_keys(Path(folder))
-        if kind == "pictures":
-            publisher, rate_hz = ros.create_publisher(RosImage, IMAGES, 2), PICTURES_HZ
+        if kind == TEXTS:
+            publishers, rate_hz = [ros.create_publisher(String, topic, 2) for topic in TEXTS_TO], TEXTS_HZ
+            texts = [Stream(keys, "ROS domain 0", topic).seal(TEXT_BYTES * "x") for topic in TEXTS_TO]
+            messages: list[Any] = [String(data=text) for text in texts]
+        elif kind == "pictures":
+            publishers, rate_hz = [ros.create_publisher(RosImage, IMAGES, 2)], PICTURES_HZ
             size = 3840 * 2160 * 3
-            message: Any = RosImage(width=3840, height=2160, step=3840 * 3, encoding="bgr8", data=bytes(size))
+            messages = [RosImage(width=3840, height=2160, step=3840 * 3, encoding="bgr8", data=bytes(size))]
         else:
             topic = SAY if kind == "sentences" else seal_topic(IMAGES)
-            publisher = ros.create_publisher(String, topic, 100)
+            publishers = [ros.create_publisher(String, topic, 100)]
             text = 88 * "x" if kind == "sentences" else digest(b"an image")
-            message = String(data=Stream(keys, "ROS domain 0", topic).seal(text))
+            messages = [String(data=Stream(keys, "ROS domain 0", topic).seal(text))]
         begun, sent = time.monotonic(), 0
         while True:
             for _ in range(round((time.monotonic() - begun) * rate_hz) - sent):
-                publisher.publish(message)
+                for publisher, message in zip(publishers, messages, strict=True):
+                    publisher.publish(message)
                 sent += 1
             time.sleep(0.002)
 
@@ -173,7 +181,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=2000.0, help="invalid texts a second")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--flood", choices=FLOODS, help=argparse.SUPPRESS)
+    parser.add_argument("--flood", choices=(*FLOODS, TEXTS), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.flood:
         flood(options.flood, options.rate)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import shutil
@@ -16,6 +17,7 @@ import pytest
 
 from evaluation.faults import ROWS, Row, chosen, main, try_all
 from evaluation.faults_clocks import CLOCK_VARIABLE, build_library, set_clock
+from evaluation.faults_flood import Decision, rate_hz, recovered_s
 from evaluation.faults_network import frames, highest, overheads_ms
 from evaluation.faults_outage import after_s, is_centred
 from evaluation.faults_plan import Plan, Skipped, busy_processes
@@ -157,6 +159,23 @@ def test_a_trace_that_is_damaged_elsewhere_is_no_record(tmp_path: Path):
     (tmp_path / "trace.jsonl").write_text("{broken\n")
     with pytest.raises(msgspec.MsgspecError):
         whole_lines(tmp_path / "trace.jsonl")
+
+
+class TestFlood:
+    """Decisions at 5 a second, of which most are missing from 10 to 26 s."""
+
+    DECISIONS = tuple(
+        Decision(number / 5, 0.1) for number in range(300) if not 10.0 <= number / 5 < 26.0 or number % 5 == 0
+    )
+
+    def test_counts_the_decisions_of_a_time(self):
+        assert rate_hz(self.DECISIONS, 0.0, 10.0) == 5.0
+        assert rate_hz(self.DECISIONS, 10.0, 20.0) == 1.0
+
+    def test_the_graph_is_itself_again_when_a_whole_step_has_the_usual_rate(self):
+        assert recovered_s(self.DECISIONS, 20.0, 50.0, 5.0) == pytest.approx(26.0 - 20.0, abs=0.8)
+        assert recovered_s(self.DECISIONS, 30.0, 50.0, 5.0) == 0.0
+        assert recovered_s(self.DECISIONS, 20.0, 28.0, 5.0) == math.inf
 
 
 KNOWN = bytes(range(16))
