@@ -406,7 +406,16 @@ class Verifier:
         if person not in seen:
             return "was not seen"
         value = claim.get("value")
-        return "" if value is None or near(value, seen[person]) else f"was {seen[person]} m away"
+        if value is not None and not near(value, seen[person]):
+            return f"was {seen[person]} m away"
+        return self._in_part(line, person, claim["what"][0]) if claim.get("what") else ""
+
+    def _in_part(self, line: Line, person: str, part: str) -> str:
+        """Return where in the picture a person was, if that is not the left, middle or right ``part``."""
+        found = next(one for one in line["detail"]["persons"] if (one.get("track_id") or "somebody") == person)
+        share = (found["x"] + found["w"] / 2) / line["detail"]["width"]
+        real = "left" if share < 1 / 3 else "middle" if share < 2 / 3 else "right"
+        return "" if real == part else f"was in the {real} part"
 
     def _saw_nobody(self, claim: Line, lines: Sequence[Line]) -> str:
         return "somebody was seen" if lines[0]["kind"] != "detection" or people(lines[0]) else ""

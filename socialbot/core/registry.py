@@ -406,6 +406,7 @@ def vocabulary_of(graph: _Graph | None) -> Vocabulary:
     return Vocabulary(
         tuple(deed for each in found for deed in each.deeds),
         tuple(condition for each in found for condition in each.conditions),
+        {name: words for each in found for name, words in each.names.items()},
     )
 
 

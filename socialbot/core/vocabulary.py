@@ -72,7 +72,15 @@ class Condition:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Words for the deeds and beliefs of an agent package."""
+    """Words for the deeds and beliefs of an agent package.
+
+    Args:
+        deeds: Its goals and actions.
+        conditions: Its beliefs as reasons.
+        names: Words for the names of its things and agents: for a whole name, such as ``kitchen``, or for the first
+            word of several, such as ``box`` of ``box_a1``.
+    """
 
     deeds: Sequence[Deed] = ()
     conditions: Sequence[Condition] = ()
+    names: Mapping[str, Words] = field(default_factory=dict)

@@ -11,6 +11,7 @@ AGENT = AgentPackage(
         "team_cleaner": "socialbot.agents.cleaner.cleaner:TeamCleaner",
     },
     graphs={"cleaner": "graph.yaml", "cleaner-sweeper": "pair.yaml"},
+    vocabulary="socialbot.agents.cleaner.vocabulary:VOCABULARY",
     demos={
         "cleaner": "socialbot.agents.cleaner.cleaner:cleaner",
         "cleaner-sweeper": "socialbot.agents.cleaner.cleaner:cleaner_sweeper",

@@ -83,4 +83,12 @@ VOCABULARY = Vocabulary(
             },
         ),
     ),
+    names={
+        "room": {"de": ("Zimmer", "Raum"), "fr": ("chambre", "salle"), "es": ("habitación", "sala", "cuarto")},
+        "nurse": {
+            "de": ("Krankenschwester", "Pflegerin", "Pfleger", "Schwester"),
+            "fr": ("infirmière", "infirmier"),
+            "es": ("enfermera", "enfermero"),
+        },
+    },
 )

@@ -68,4 +68,25 @@ VOCABULARY = Vocabulary(
             },
         ),
     ),
+    names={
+        "box": {
+            "en": ("crate", "parcel", "package"),
+            "de": ("Kiste", "Schachtel", "Karton", "Paket"),
+            "fr": ("boîte", "caisse", "carton"),
+            "es": ("caja", "paquete"),
+        },
+        "carrier": {
+            "en": ("cart", "transporter"),
+            "de": ("Träger", "Transporter", "Wagen"),
+            "fr": ("transporteur", "chariot"),
+            "es": ("transportador", "carro"),
+        },
+        "gripper": {
+            "de": ("Greifer", "Greifarm"),
+            "fr": ("pince", "préhenseur"),
+            "es": ("pinza", "agarrador"),
+        },
+        "deposit": {"en": ("depot",), "de": ("Lager", "Depot"), "fr": ("dépôt",), "es": ("depósito",)},
+        "base": {"de": ("Basis",)},
+    },
 )

@@ -10,8 +10,8 @@ from socialbot.runs.asking._facts import near
 from socialbot.runs.asking._questions import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
 from socialbot.runs.asking._sentences import Claim, Clause
-from socialbot.runs.asking._words import stem
-from socialbot.runs.asking.languages import ENGLISH
+from socialbot.runs.asking._words import name_tokens, stem, tokens
+from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
 from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.why import call_of
 
@@ -40,7 +40,9 @@ def heard(scope: Scope) -> Told | None:
     """Return what people said: the words in question, or else all of it, with the reply to a single utterance."""
     found = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
     found = [each for each in found if not scope.persons or each.detail.get("person") in scope.persons]
-    if scope.question.says:
+    if scope.question.reported:
+        found = [each for each in found if _is_reported(scope, each)]
+    elif scope.question.says:
         found = fitting_words(found, scope.question.says)
     if scope.question.at_s is not None:
         found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
@@ -53,6 +55,21 @@ def heard(scope: Scope) -> Told | None:
         )
         clauses += [scope.speech.did(each, None) for each in [next(replies, None)] if each is not None]
     return (scope.joined(clauses), clauses) if clauses else None
+
+
+def _is_reported(scope: Scope, utterance: TraceRecord) -> bool:
+    """Return whether an utterance has the content of an indirect question.
+
+    In another language, only what it was understood as tells that: ``ask_why``.
+    """
+    question, language = scope.question, LANGUAGES[scope.question.language]
+    said = {stem(word) for word in tokens(utterance.what)}
+    if utterance.detail.get("language") not in (None, "", language.code):
+        return any(question.reported in name_tokens(one) for one in scope.facts.intents(utterance))
+    names = {stem(word) for name in scope.subjects.persons for word in tokens(name)}
+    content = {stem(word) for word in question.says if word not in language.known_words} - names
+    asked = {stem(word) for word in question.says[:1]}
+    return bool(content) and content | asked <= said
 
 
 def heard_as(scope: Scope) -> Told | None:

@@ -164,7 +164,13 @@ class _Answering(Whether):
         if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
         is_about_nobody = question.person is not None and self.topic is not None and not self.topic.concerns_people
-        if (question.event is not None and self.event_s is None) or self.persons == [NOBODY] or is_about_nobody:
+        has_no_span = question.between is not None and question.span_s is None
+        if (
+            (question.event is not None and self.event_s is None)
+            or has_no_span
+            or self.persons == [NOBODY]
+            or is_about_nobody
+        ):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.by_people:
             found = heard_as(self)
@@ -210,7 +216,7 @@ class _Answering(Whether):
         return found if told is None else (f"{found[0]}; {told[0]}", [*found[1], *told[1]])
 
     def _why(self) -> Told | None:
-        deed = self._chosen() if self.topic is not None else self._undescribed()
+        deed = self.chosen() if self.topic is not None else self._undescribed()
         if deed is None:
             if self.topic is None:
                 return None
@@ -251,7 +257,7 @@ class _Answering(Whether):
             self.deeds = [each for each in self.deeds if self.subjects.words_said(each)]
         if self.topic is None:
             return None
-        deed = self._chosen()
+        deed = self.chosen()
         if deed is not None:
             did = self.speech.did(deed, self.topic)
             return did.text, [did]
@@ -260,6 +266,7 @@ class _Answering(Whether):
     # Deeds: when, who
 
     def _when(self) -> Told | None:
+        event = self.question.event
         if self.topic is not None:
             deeds = self.of_persons(self.deeds)
             if not deeds and (parts := self._parts()):
@@ -268,6 +275,8 @@ class _Answering(Whether):
                 deeds = near(deeds, self.history.stamp(self.question.at_s), NEAR_S)
             elif self.question.ordinal is not None:
                 deeds = [one for one in [self.numbered(deeds)] if one is not None]
+            elif event is not None and event.is_near:
+                deeds = deeds[-1:] if event.relation == "before" else deeds[:1]
             return self._listed(deeds) if deeds else self._left_undone()
         if self.question.says:
             said = self.quoted(self.up_to_now(), self.question.says)
@@ -280,13 +289,18 @@ class _Answering(Whether):
                 self._left_out(self._all_people()) if self.question.is_negative is not self.question.is_opposite else []
             )
             return self._without(left) if left and self.question.person is None else self._when()
-        return self._when()
+        return self._without_any() if self.question.about_left_out else self._when()
 
     def _how_long(self) -> Told | None:
-        """Return when people were here; for a deed also when it was done."""
+        """Return when people were here; for a deed also when it was done; for a time between events both of them."""
+        if self.question.between is not None:
+            stays = [each for each in self.facts.visits if each.person in self.event_persons]
+            clauses = [self.speech.did(each, self.subjects.topic_of(each)) for each in self.between]
+            clauses += [stay(self, each) for each in stays if not self.between and each.first.stamp <= self.now]
+            return (self.joined(clauses), clauses) if clauses else None
         if self.topic is None:
             return self._who()
-        deed = self._chosen()
+        deed = self.chosen()
         if deed is None:
             return self._left_undone()
         clauses = [self.speech.did(deed, self.topic)]

@@ -7,6 +7,7 @@ import re
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Held, near
 from socialbot.runs.asking._named_beliefs import tells_place
+from socialbot.runs.asking._people import whereabouts
 from socialbot.runs.asking._questions import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
@@ -39,10 +40,12 @@ def believed(scope: Scope) -> Told | None:
 
 
 def placed(scope: Scope) -> Told | None:
-    """Return the last known place of a thing or agent.
+    """Return the last known place of a thing or agent, or where people were seen.
 
-    That is what is believed about it now, or else the last deed with it.
+    That of a thing is what is believed about it now, or else the last deed with it.
     """
+    if scope.topic is not None or scope.persons:
+        return whereabouts(scope)
     named = {*scope.question.things, *([scope.question.agent] if scope.question.agent else [])}
     seconds, stamp = scope.moment()
     held = [each for each in scope.facts.beliefs if each.at(stamp) and named == {_placed_thing(each)}]

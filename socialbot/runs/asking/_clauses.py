@@ -6,6 +6,7 @@ you do after t1 had left?" tells its time by an event.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +21,11 @@ _HEARSAY = {
     "claim", "claims", "bet", "reckon", "understand", "understood", "noticed", "saw", "gather",
 }  # fmt: skip
 _TAGS = ("true", "correct", "right")
-_CLOSELY = {"right", "just", "immediately", "directly", "shortly", "soon"}
+CLOSELY = {
+    "right", "just", "immediately", "directly", "shortly", "soon", "straight", "direkt", "unmittelbar", "gleich",
+    "kurz", "juste", "immediatement", "justo", "inmediatamente", "next",
+}  # fmt: skip
+"""Words for a short time before or after an event."""
 _MOST_WORDS = 8
 """Most words of a contrast."""
 
@@ -35,6 +40,43 @@ class Parts:
     """Whether the contrast is a negation, and not ``rather than`` or ``instead of``."""
     event: tuple[str, ...] = ()
     relation: Relation = "when"
+    is_near: bool = False
+    """Whether only what is next to the event is in question: ``right after``."""
+    until: tuple[str, ...] = ()
+    """The second of two events that the time is between."""
+
+
+def without_report(words: Sequence[str], language: Language) -> Parts | None:
+    """Split off what somebody asked or told: ``Did t1 ask why you left?``; None without it.
+
+    A person in front of the indirect question has done that: ``Can somebody tell me why you left?`` only asks.
+    """
+    asking = [one for name in INTERROGATIVES for one in language.phrases[name]] + list(language.phrases["complement"])
+    past = {one[0] for one in language.phrases["past"]} | _ASKED
+    people = {one[0] for name in ("people", "them") for one in language.phrases[name]}
+    mine = {one[0] for one in language.phrases["me"]}
+    for place in range(2, len(words) - 1):
+        before = words[:place]
+        if not any(_is_at(phrase, words, place) for phrase in asking) or not _ASKED.intersection(before):
+            continue
+        verb = next(n for n, word in enumerate(before) if word in _ASKED)
+        named = [n for n in range(place) if n and before[n].isdigit() and before[n - 1] == "t"]
+        if language.voices.you.intersection(before[:verb]):
+            continue  # "What led to you asking t1 whether ...?"
+        is_told = bool(named) or (before[0] in language.auxiliaries | _ASKED and bool(people.intersection(before)))
+        if is_told and past.intersection(before) and not mine.intersection(before) and verb + _ASIDE >= place:
+            return Parts(tuple(before), event=tuple(words[place:]))
+    return None
+
+
+_ASKED = {
+    "ask", "asked", "asks", "asking", "tell", "told", "say", "said", "inquire", "inquired", "enquire", "enquired",
+    "gefragt", "fragte", "gesagt", "sagte", "erkundigt", "demande", "demanda", "dit", "pregunto", "preguntado", "dijo",
+    "dicho",
+}  # fmt: skip
+"""Verbs of asking and telling in the past tense, or with an auxiliary."""
+_ASIDE = 4
+"""Most words from such a verb to the indirect question."""
 
 
 def without_matrix(words: Sequence[str], language: Language) -> list[str]:
@@ -44,6 +86,8 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
     their time are no part of the question.
     """
     words = _without_end(words, language)
+    if without_report(words, language) is not None:
+        return list(words)
     before = words[: words.index("you")] if "you" in words else ()
     if before and words[0] in _TELLERS and _HEARSAY.intersection(before) and {"me", "that"}.issuperset(before[2:]):
         return list(words[len(before) :])  # "Somebody told me you ..."
@@ -133,20 +177,52 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 if place >= 2:
                     main, end = tuple(words[:place]), 1 if (rest[-1],) in language.phrases["why"] and rest[1:] else 0
                     # "You left before t1 came. Why?"
-                    return Parts(
-                        (*rest[len(rest) - end :], *main), event=tuple(rest[: len(rest) - end]), relation=relation
-                    )
+                    main, event = _with_verb((*rest[len(rest) - end :], *main), rest[: len(rest) - end], language)
+                    is_near = words[place - 1] in CLOSELY or main[-1] in CLOSELY
+                    return Parts(main, event=event, relation=relation, is_near=is_near)
                 # The event in front: "When t2 left, what did you do?"
-                begins = [n for n in range(2, len(rest) - 1) if place == 0 and rest[n] in asking]
+                is_near = place == 1 and words[0] in CLOSELY
+                is_front = place == 0 or is_near
+                begins = [n for n in range(2, len(rest) - 1) if is_front and rest[n] in asking]
                 asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))
                 begin = next(asks, next(iter(begins), None))
                 if begin is not None:
                     main = list(rest[begin:])
                     if relation == "when" and len(main) > 2 and (main[-1],) in language.phrases["event after"]:
                         relation = "after"  # "When t2 left, what did you do right after?"
-                        main = main[:-2] if main[-2] in _CLOSELY else main[:-1]
-                    return Parts(tuple(main), event=tuple(rest[:begin]), relation=relation)
+                        is_near = main[-2] in CLOSELY
+                        main = main[:-2] if is_near else main[:-1]
+                    return Parts(tuple(main), event=tuple(rest[:begin]), relation=relation, is_near=is_near)
     return None
+
+
+def without_between(words: Sequence[str], language: Language) -> Parts | None:
+    """Split off two events that the time is between: ``between the bathroom and the kitchen``; None without them."""
+    linking = language.sentences["and"]
+    asking = {one[0] for name in INTERROGATIVES for one in language.phrases[name]} | language.auxiliaries
+    for (between,) in (one for one in language.phrases["between"] if len(one) == 1):
+        for place in (n for n, word in enumerate(words) if word == between):
+            rest = words[place + 1 :]
+            link = next((n for n in range(1, len(rest) - 1) if rest[n] == linking), None)
+            if link is None:
+                continue
+            end = next((n for n in range(link + 2, len(rest)) if place < 2 and rest[n] in asking), len(rest))
+            main = (*words[:place], *rest[end:])
+            if main:
+                main, until = _with_verb(main, rest[link + 1 : end], language)
+                return Parts(main, event=tuple(rest[:link]), relation="after", until=until)
+    return None
+
+
+_PARTICIPLE = re.compile(r"([a-z]{2,3})?ge[a-z]+(t|en)|(be|ver|er)[a-z]+t")
+
+
+def _with_verb(main: Sequence[str], end: Sequence[str], language: Language) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return a main clause with its German verb, which is behind the event: ``Was hast du nach dem Bad gemacht?``."""
+    is_split = language.code == "de" and len(end) > 1 and _PARTICIPLE.fullmatch(end[-1])
+    if not is_split or any(_PARTICIPLE.fullmatch(word) for word in main):
+        return tuple(main), tuple(end)
+    return (*main, end[-1]), tuple(end[:-1])
 
 
 def _without(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> list[str]:

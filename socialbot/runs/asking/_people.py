@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from socialbot.runs.asking._facts import Presence
+from collections.abc import Mapping, Sequence
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._facts import Presence, persons_in
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause, number
+
+SIDES = ("left", "middle", "right")
+"""Thirds of a picture."""
 
 
 def visitors(scope: Scope) -> Told | None:
@@ -57,16 +63,56 @@ def seen(scope: Scope) -> Told | None:
         claim = Claim("saw_nobody", at_s=seconds)
         clause = scope.speech.at(Clause(scope.speech.say("saw_none"), (frame.id,), claim), seconds)
         return clause.text, [clause]
-    clauses = []
-    for person in people[:MOST_NAMED]:
-        name = str(person.get("track_id") or "somebody")
-        shown, distance = scope.speech.people([name]), person.get("distance_m")
+    return saw(scope, frame, [str(each.get("track_id") or "somebody") for each in people])
+
+
+def saw(scope: Scope, frame: TraceRecord, persons: Sequence[str], *, has_side: bool = False) -> Told:
+    """Return that these people were seen in a frame, with their distances and the sides of the picture."""
+    seconds, clauses = scope.history.seconds(frame.stamp), []
+    known = {str(each.get("track_id") or "somebody"): each for each in frame.detail.get("persons", ())}
+    for name in persons[:MOST_NAMED]:
+        shown, distance = scope.speech.people([name]), known[name].get("distance_m")
         if distance is not None:
             shown = scope.speech.say("away", person=shown, distance=number(distance))
-        claim = Claim("saw", at_s=seconds, persons=(name,), value=distance)
+        side = _side(known[name], frame.detail.get("width")) if has_side else None
+        if side is not None:
+            sides = scope.speech.say("sides").split("|")
+            shown = scope.speech.say("side", person=shown, side=sides[SIDES.index(side)])
+        claim = Claim("saw", what=() if side is None else (side,), at_s=seconds, persons=(name,), value=distance)
         clauses.append(Clause(shown, (frame.id,), claim))
     told = scope.speech.say("saw_one", people=scope.joined(clauses))
     return scope.speech.then(seconds, told), clauses
+
+
+def _side(person: Mapping[str, float], width: float | None) -> str | None:
+    """Return the third of the picture that the middle of a person is in; None if it is not recorded."""
+    x, w = person.get("x"), person.get("w")
+    if not width or x is None or w is None:
+        return None
+    return SIDES[min(2, max(0, int(3 * (x + w / 2) / width)))]
+
+
+def whereabouts(scope: Scope) -> Told | None:
+    """Return where people were seen: at the time in question, when a deed concerned them, or else last."""
+    deed = scope.chosen() if scope.topic is not None else None
+    if scope.topic is not None and deed is None:
+        return None
+    has_time = deed is None and (scope.question.at_s is not None or scope.event_s is not None)
+    persons = scope.facts.concerned(deed) if deed is not None else scope.persons
+    frame = scope.facts.frame(scope.moment()[1] if deed is None else deed.stamp)
+    if deed is None and not has_time:
+        stays = [each for each in scope.facts.visits if each.person in persons and each.first.stamp <= scope.now]
+        frame = min((each.last for each in stays[-1:]), key=lambda last: last.stamp, default=None)
+        if frame is not None and frame.stamp > scope.now:
+            frame = scope.facts.frame(scope.now)
+    inside = [] if frame is None else [each for each in persons if each in persons_in(frame)]
+    if frame is None or not inside:
+        return seen(scope) if has_time else None
+    told, clauses = saw(scope, frame, inside, has_side=True)
+    if deed is None:
+        return told, clauses
+    done = scope.speech.did(deed, scope.topic)
+    return f"{done.text}; {told}", [done, *clauses]
 
 
 def count_people(scope: Scope) -> Told:

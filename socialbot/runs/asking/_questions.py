@@ -12,7 +12,15 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from socialbot.core.clock import nanoseconds
-from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
+from socialbot.runs.asking._clauses import (
+    Parts,
+    Relation,
+    without_between,
+    without_contrast,
+    without_event,
+    without_matrix,
+    without_report,
+)
 from socialbot.runs.asking._doer import is_done_by_people
 from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
 from socialbot.runs.asking._named_beliefs import asked_beliefs
@@ -40,7 +48,7 @@ from socialbot.runs.asking._word_classes import (
     tells_exactly,
     words_of_deeds,
 )
-from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
+from socialbot.runs.asking._words import FORM, NUMBER_WORDS, occurrences, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 from socialbot.runs.asking.languages.synonyms import synonyms
 
@@ -57,7 +65,7 @@ NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
-_OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed")
+_OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed", "where")
 _OF_SAYING: Sequence[Kind] = ("why", "when", "who", "count", "did")
 _OF_STATES: Sequence[Kind] = (
     "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "heard", "failed",
@@ -72,7 +80,7 @@ _ASKED: Mapping[str, Set[Kind]] = {
     "how_often": {"count"},
     "how_many": {"count", "see"},
     "how_long": {"how_long"},
-    "how_far": {"see"},
+    "how_far": {"see", "where"},
     "unanswerable": {"when", "said", "doing", "count", "heard"},
 }
 """Kinds of questions by the class of their interrogative."""
@@ -102,6 +110,8 @@ _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
+_MOST_BETWEEN = 2
+"""Most words between the parts of a verb: ``leave anyone out``."""
 _LONG = 5
 """Least length of a word that is heard as two."""
 
@@ -132,12 +142,15 @@ class Question:
         asks: Whether it is about asking somebody.
         contrast: Question about those with whom the deed is contrasted: ``and not t2``.
         event: Question about the event that tells the time: ``after t2 had left``.
+        between: Two events that the time is between: ``between the bathroom and the kitchen``.
         unknown: Its words that nothing explains.
         verb: Its verb, if nothing explains it.
         is_open: Whether a deed does not decide it: it offers alternatives, ``before or after``, or asks for more than
             records tell, such as ``together``, ``too late`` or ``because``.
         quantity: Whether it asks how many ``times`` a deed was done (twice, again), or to which ``others`` (else).
         is_synonym: Whether it names the deed by a synonym that the agent does not declare.
+        reported: Class of the interrogative of an indirect question, ``whether`` without one, if it is what somebody
+            asked: ``Did t1 ask why you left?``; ``says`` has its words.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
         belief: Name of the belief that it asks for.
         asks_when: Whether it asks since when something was believed.
@@ -166,11 +179,13 @@ class Question:
     asks: bool = False
     contrast: Question | None = None
     event: Event | None = None
+    between: tuple[Event, Event] | None = None
     unknown: tuple[str, ...] = ()
     verb: str = ""
     is_open: bool = False
     quantity: Quantity = ""
     is_synonym: bool = False
+    reported: str = ""
     thing_kind: str = ""
     belief: str = ""
     asks_when: bool = False
@@ -191,12 +206,14 @@ class Event:
         what: The people and the deed, as a question.
         leaves: Whether the person leaves.
         heard: Words that the person said: ``when I asked about the library``; None for another event.
+        is_near: Whether only what is next to the event is in question: ``right after``.
     """
 
     relation: Relation
     what: Question
     leaves: bool
     heard: tuple[str, ...] | None = None
+    is_near: bool = False
 
 
 @dataclass(frozen=True)
@@ -239,7 +256,7 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     if not 0 < len(words) <= MOST_WORDS:
         return []
     codes = [language] if language in LANGUAGES else list(LANGUAGES)
-    known = {code: LANGUAGES[code].known_words | words_of_deeds(subjects, code) for code in codes}
+    known = {code: _known_words(subjects, LANGUAGES[code]) for code in codes}
     # The letter of t1 is no French word.
     whole = [one for one, after in zip(words, [*words[1:], ""], strict=True) if len(one) > 1 or not after.isdigit()]
     exact = {code: sum(word in known[code] for word in whole) for code in codes}
@@ -251,13 +268,19 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     ]
 
 
+def _known_words(subjects: Subjects, language: Language) -> Set[str]:
+    """Return the words of a language, and those of the deeds and names in it."""
+    return language.known_words | words_of_deeds(subjects, language.code) | subjects.words_of_names(language.code)
+
+
 def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them."""
-    known = language.known_words | words_of_deeds(subjects, language.code) | NUMBER_WORDS
+    known = _known_words(subjects, language) | NUMBER_WORDS
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
     spelled = [corrected(word, known, subjects.names, asking) for word in words]
+    spelled = subjects.named_in(language.code, spelled)
     return without_matrix(_joined(spelled, known), language)
 
 
@@ -277,9 +300,18 @@ def _candidates(
     words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: Language
 ) -> Iterator[Candidate]:
     """Yield readings of the whole, of its main clause beside a contrast or an event, and the one that refuses it."""
+    report = None if quoted else without_report(words, language)
+    if report is not None:
+        yield from _reported(report, subjects, language)
+        return
     whole = _found(words, subjects, language)
     if _names_nothing(whole.reading, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
+        return
+    split = without_between(words, language) if whole.question.span_s is None else None
+    between = [] if split is None else list(_between(split, quoted, subjects, language))
+    if between:  # Then nothing else explains the word.
+        yield from (*between, Candidate(whole.question, whole, None, 0))
         return
     yield from _combined(whole, quoted, subjects)
     split = without_contrast(words, language)
@@ -304,10 +336,52 @@ def _candidates(
         for each in _combined(main, quoted, subjects):
             event = _event(split, other, each.question, subjects)
             if event is not None:
+                event = replace(event, is_near=split.is_near)
                 left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
                 asked = replace(each.question, event=event, is_open=whole.question.is_open)
                 yield replace(each, question=asked, left_over=left)
     yield Candidate(whole.question, whole, None, 0)
+
+
+def _reported(parts: Parts, subjects: Subjects, language: Language) -> Iterator[Candidate]:
+    """Yield the reading about what people said, and the one that refuses it."""
+    main, told = _found(parts.main, subjects, language), _found(parts.event, subjects, language)
+    asked = next((name for name in INTERROGATIVES if told.reading.has(name)), "whether")
+    question = replace(main.question, says=parts.event, reported=asked, unknown=())
+    if subjects.heard_stems:
+        yield Candidate(replace(question, kind="heard"), main, None, 0)
+    yield Candidate(question, main, None, 0)
+
+
+def _between(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
+    """Yield the readings about the time between two events."""
+    first, second = _found(parts.event, subjects, language), _found(parts.until, subjects, language)
+    begin, end = _bound(first, second, subjects, "after"), _bound(second, first, subjects, "before")
+    if begin is None or end is None:
+        return
+    left = sum(len(set(each.reading.free()) - _places_of(each)) for each in (first, second))
+    for each in _combined(_found(parts.main, subjects, language), quoted, subjects):
+        yield replace(each, question=replace(each.question, between=(begin, end)), left_over=left)
+
+
+def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -> Event | None:
+    """Return one of two events that a time is between: a deed, something done to a thing, or a visit.
+
+    ``The second one`` is the same deed as the ``other`` event.
+    """
+    what, words, language = _subordinate(found, subjects), found.reading.words, found.reading.language
+    if what.topics or what.things or what.agent:
+        return Event(relation, what, leaves=False)
+    like = _subordinate(other, subjects)
+    if like.topics and (what.person is not None or what.ordinal is not None):
+        order = what.ordinal if what.person is None else what.person.ordinal
+        person = None if order is not None else what.person  # "the second one"
+        return Event(relation, replace(what, topics=like.topics, ordinal=order, person=person), leaves=False)
+    if what.person is None and what.ordinal is not None and like.person is not None:
+        what = replace(what, person=PersonReference(ordinal=what.ordinal))  # "the second visitor and the third"
+    leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
+    is_over = leaves or (relation == "after" and not comes)
+    return None if what.person is None else Event(relation, what, leaves=is_over)
 
 
 def _names_nothing(reading: Reading, subjects: Subjects) -> bool:
@@ -328,11 +402,14 @@ def _places_of(found: Found) -> Set[int]:
 
 def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Found:
     """Return the parts of a clause."""
-    reading = Reading(language, digits_after_names(list(words), subjects))
+    reading = Reading(language, digits_after_names(list(words), subjects, language))
     span_s = take_span(reading)
     at_s, ago, person = take_time(reading) if span_s is None else (None, False, None)
     things, agents = take_names(reading, subjects)
-    person = take_person(reading, subjects) or person
+    named = take_person(reading, subjects)
+    if named is not None and person is not None:
+        at_s = person.at_s  # "the second visitor at 24 s"
+    person = named or person
     referred = frozenset(reading.taken)
     classify(reading, words_of_deeds(subjects, language.code))
     for name in ("silent", "waits", "talk"):
@@ -342,6 +419,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
             reading.taken |= places if name == "silent" else set()
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
+    is_left_out = person is None and _take_left_out(reading)
     quantity = take_quantity(reading, is_named=person is not None)
     ordinal = take_ordinal(reading, referred) if span_s is None else None
     names = [*things, *(name for name, _ in agents)]
@@ -373,7 +451,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
-        about_left_out=_is_about_left_out(reading), about_speech=reading.has("say", "silent"),
+        about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
         unknown=tuple(reading.words[place] for place in reading.free()),
         verb="" if verb is None or verb in explained else reading.words[verb],
@@ -405,6 +483,9 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
     are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
     asked -= {"said"} if are_tellers else set()
+    asked -= {"see"} if _is_placed(found.reading, question) else set()
+    if found.reading.has("who") and found.reading.has("not") and not question.about_left_out:
+        asked -= {"who"}  # "Who was not here?"
     for kind in (one for one in _OF_STATES if one in asked and (one != "heard" or subjects.heard_stems)):
         at_person = question.person.at_s if question.person is not None and kind in ("said", "see") else None
         one = replace(question, kind=kind)
@@ -441,10 +522,18 @@ def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterato
     asks_origin = any(
         tuple(reading.words[n : n + len(one)]) == one for one in _ORIGIN for n in range(len(reading.words))
     )
-    if reading.has("where") and (question.things or question.agent) and not asks_origin:
-        yield Candidate(replace(question, kind="where"), found, None, 0)
+    is_thing = reading.has("where") and not asks_origin and (question.things or question.agent)
+    if is_thing or _is_placed(reading, question):
+        at_person = None if question.person is None else question.person.at_s
+        asked = replace(question, kind="where", at_s=question.at_s if at_person is None else at_person)
+        yield Candidate(asked, found, None, 0)
     if reading.has("outcome", "fail"):
         yield Candidate(replace(question, kind="ended"), found, None, 0)
+
+
+def _is_placed(reading: Reading, question: Question) -> bool:
+    """Return whether a question asks where a person was, or how far away."""
+    return question.person is not None and reading.has("where", "how_far")
 
 
 def _is_another(deed: NamedDeed, found: Found) -> bool:
@@ -483,8 +572,9 @@ def _words_heard(found: Found, subjects: Subjects) -> tuple[str, ...]:
 
 def _thing_kind(reading: Reading, subjects: Subjects) -> str:
     """Return the kind of things of ``which box``; empty for agents and other words."""
-    words = reading.words
-    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in ("which", "what")), "")
+    words, phrases = reading.words, reading.language.phrases
+    asking = {one[0] for name in ("which", "what") for one in phrases[name] if len(one) == 1}
+    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in asking), "")
     agents = {kind_of_name(agent) for agent in subjects.agents}
     return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
 
@@ -526,6 +616,8 @@ def _is_request(reading: Reading) -> bool:
 
 def _is_caused(reading: Reading) -> bool:
     """Return whether something causes somebody to act: ``what tempted you to ...``, ``what had you ...``."""
+    if reading.words[reading.place("what")] != "what":
+        return False
     following = reading.words[reading.place("what") + 1 :][:2]
     is_verb = bool(following) and (following[0] not in reading.language.auxiliaries or following[0] == "had")
     return is_verb and bool(_YOU.intersection(following[1:]))
@@ -563,6 +655,8 @@ def _subordinate(found: Found, subjects: Subjects) -> Question:
 
 def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Event | None:
     what, words, language = _subordinate(found, subjects), parts.event, found.reading.language
+    if what.topics and what.person is None and found.reading.has("them"):
+        what = replace(what, person=main.person)  # "How far away was t1 when you greeted them?"
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
     begin = words[1:2] if words[0] in _ARTICLES else words[:1]
@@ -594,6 +688,23 @@ def _asked_kind(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
     return "longest" if reading.has("longest") else "shortest" if reading.has("shortest") else ""
+
+
+def _take_left_out(reading: Reading) -> bool:
+    """Take words for people for whom nothing was done: ``Who got nothing?``. Return whether there are any."""
+    places = {
+        place
+        for phrase in reading.language.phrases["left out"]
+        for alike, places in occurrences(phrase, reading.words, _MOST_BETWEEN)
+        if alike >= FORM
+        for place in places
+    }
+    others = reading.has("why", "say", "see", "happen", "fail")
+    if not places or others or not reading.has("who", "people"):
+        return False
+    reading.found.setdefault("not", []).append((1.0, tuple(sorted(places))))
+    reading.taken |= places
+    return True
 
 
 def _is_about_left_out(reading: Reading) -> bool:

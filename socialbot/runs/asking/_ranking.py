@@ -77,6 +77,7 @@ def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Su
             question.agent,
             tuple(question.things),
             question.event is None,
+            question.between is None,
             question.contrast is None,
             question.belief,
         )
@@ -142,7 +143,8 @@ def _marks(each: Candidate) -> Iterator[str]:
         yield "me" if person.me else "named" if person.names else "together" if person.together else "person"
     yield from (name for name in _TENSES if reading.has(name))
     for name, value in (
-        ("time", question.at_s), ("span", question.span_s), ("ordinal", question.ordinal), ("things", question.things),
+        ("time", question.at_s), ("span", question.span_s or question.between), ("ordinal", question.ordinal),
+        ("things", question.things),
         ("agent", question.agent), ("all", question.about_all), ("opposite", question.is_opposite),
         ("negative", question.is_negative), ("contrast", question.contrast), ("left out", question.about_left_out),
         ("agent kind", question.agent_kind), ("extreme", question.extreme), ("asks", question.asks),
@@ -186,7 +188,7 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
         is_known = any(verb in reading.places(name) for name in VERBS)
         yield f"{mode} verb", 0.5 if is_known else 1.0
     yield "beside", float(min(each.left_over, _MOST_COUNTED))
-    if question.event is not None or question.contrast is not None:
+    if question.event is not None or question.contrast is not None or question.between is not None:
         yield "split", 1.0
     if mode == "says":
         shares = [subjects.share_said(question.says, one) for one in subjects.deeds]

@@ -62,7 +62,7 @@ class Reading:
         return [place for place in range(len(self.words)) if place not in self.taken]
 
 
-def digits_after_names(words: list[str], subjects: Subjects) -> list[str]:
+def digits_after_names(words: list[str], subjects: Subjects, language: Language) -> list[str]:
     """Return words with number words as digits behind the words of names: ``room one`` is room1."""
     heads = {
         phrase[0]
@@ -71,7 +71,7 @@ def digits_after_names(words: list[str], subjects: Subjects) -> list[str]:
     }
     after = {word for phrase in subjects.things.values() for word in phrase}
     result = list(words)
-    for n in range(1, len(words)):
+    for n in (n for n in range(1, len(words)) if (words[n],) not in language.phrases["article"]):
         if words[n - 1] in heads or (words[n - 1] in after and len(words[n - 1]) == 1):
             result[n] = digits([words[n]])[0]
     return result
@@ -259,10 +259,14 @@ def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
         if alike > _WHOLE:
             reading.taken |= set(places)
             return -1
+    asking = {*phrases["what"], *phrases["which"], *phrases["at"]}
     for n, word in enumerate(words):
         number = _order(word, reading.language)
         is_time = n + 1 < len(words) and (words[n + 1],) in phrases["time"]
-        is_counted = is_time or word in ("first", "last") or (n not in referred and words[max(0, n - 1)] in _DEFINITE)
+        is_unit = word in reading.language.units and (n + 1 < len(words) or (words[n - 1],) in asking)
+        is_place = words[n + 1 : n + 2] == ["lugar"]
+        is_order = words[max(0, n - 1)] in _DEFINITE or not is_unit or is_place
+        is_counted = is_time or word in ("first", "last") or (n not in referred and is_order)
         if number is None or (n in reading.taken and not is_counted):
             continue
         reading.taken.add(n)
@@ -337,8 +341,7 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
         if kind == "agent":
             agents.append((name, places[0]))
         elif kind == "thing":
-            before = [words[at] for at in range(places[0]) if words[at] not in ("the", "a", "an")]
-            things[name] = before[-1] if before else ""
+            things[name] = _word_before(reading, places[0])
         else:
             reading.found.setdefault("named", []).append((1.0, places))
             reading.found.setdefault(f"person {name}", []).append((1.0, places))
@@ -350,7 +353,7 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
             not words[n + 2 : n + 3] or words[n + 2] not in reading.language.units)  # fmt: skip
         if name is not None and is_written and not reading.taken & places:
             reading.taken |= places  # "b1" is box_b1
-            things[name] = words[n - 1] if n else ""
+            things[name] = _word_before(reading, n)
     deeds = {stem(word) for topic in subjects.topics for phrase in topic.loose for word in phrase}
     for name, phrases in subjects.agent_words().items():
         for n, word in enumerate(words):
@@ -361,6 +364,14 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
                 reading.taken.add(n)
                 agents.append((name, n))
     return things, agents
+
+
+def _word_before(reading: Reading, place: int) -> str:
+    """Return the word before a name and its article, a preposition of place in English; empty without one."""
+    phrases = reading.language.phrases
+    before = [word for word in reading.words[:place] if (word,) not in phrases["article"]]
+    found = next((name for name in ("to", "from") if before and (before[-1],) in phrases[name]), "")
+    return found if found and reading.language.code != "en" else "".join(before[-1:])
 
 
 def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
-from socialbot.runs.asking._questions import NEAR_S, Question
+from socialbot.runs.asking._questions import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking._words import stem, tokens
@@ -20,6 +21,7 @@ EVENT_S = 8.0
 """Time (s) after the begin of an event that counts as during it: "when t2 came"."""
 
 _LATER_S = 0.001
+"""Time (s) that keeps an event out of a span behind or before it."""
 
 _SHOWN = re.compile(r"\{(\d)\}")
 _PLACE = re.compile(r"(\w+) \{(\d)\}")
@@ -68,7 +70,10 @@ class Scope:
         self.language = self._answer_language()
         self.event_deed: TraceRecord | None = None
         self.event_persons: Sequence[str] = ()
-        self.event_s = self._event_time()
+        self.event_s = self._event_time(question.event)
+        self.between: tuple[TraceRecord, ...] = ()
+        if question.between is not None:
+            self.question = replace(question, span_s=self._span_between(*question.between))
         self.deeds_at_all = self._deeds()
         self.deeds = self.in_time(self.deeds_at_all)
         self.persons = self._persons()
@@ -108,9 +113,28 @@ class Scope:
                 return before
         return later
 
-    def _event_time(self) -> float | None:
-        """Return the time (s) of the event of the question; None without one, or if it did not happen."""
-        event = self.question.event
+    def _span_between(self, first: Event, second: Event) -> tuple[float, float] | None:
+        """Return the time (s) from the end of one event to the begin of another; None if they did not happen."""
+        swapped = replace(second, relation="after", leaves=True), replace(first, relation="before", leaves=False)
+        for events in ((first, second), swapped):
+            times, deeds, persons = [], [], []
+            for event in events:
+                self.event_deed = None
+                times.append(self._event_time(event, next(iter(times), None)))
+                deeds += [self.event_deed] if self.event_deed is not None else []
+                persons += self.event_persons
+            begin_s, end_s = times
+            if begin_s is not None and end_s is not None and begin_s < end_s:
+                self.event_deed, self.event_persons, self.between = None, persons, tuple(deeds)
+                is_over = all(self.facts.end_of(each) is not None for each in deeds[:1])
+                return begin_s + (0.0 if is_over else _LATER_S), end_s - _LATER_S
+        return None
+
+    def _event_time(self, event: Event | None, since_s: float | None = None) -> float | None:
+        """Return the time (s) of an event; None without one, or if it did not happen.
+
+        Of several deeds it is the one in question, or the first one after ``since_s``.
+        """
         if event is None:
             return None
         scope = Scope(self.run, self.facts, event.what, self.now_s, self.speaker, "", spoken=False)
@@ -124,7 +148,10 @@ class Scope:
             self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)
             return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
         if event.what.topics:
-            self.event_deed = scope._chosen()
+            self.event_deed = scope.chosen()
+            if since_s is not None and event.what.ordinal is None and event.what.at_s is None:
+                later = (each for each in scope.of_persons(scope.deeds) if self.history.seconds(each.stamp) >= since_s)
+                self.event_deed = next(later, self.event_deed)
         elif event.what.things or event.what.agent:
             deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and scope.is_meant(each)]
             self.event_deed = deeds[-1 if event.relation == "after" else 0] if deeds else None
@@ -297,7 +324,7 @@ class Scope:
         place = place - 1 if place > 0 else place
         return records[place] if -len(records) <= place < len(records) else None
 
-    def _chosen(self) -> TraceRecord | None:
+    def chosen(self) -> TraceRecord | None:
         """Return the deed that is meant: the one at the time or of the number in the question, or else the last."""
         deeds = self.of_persons(self.deeds)
         if self.question.at_s is not None:

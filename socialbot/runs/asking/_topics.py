@@ -63,6 +63,8 @@ _UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
 """Words of a quotation in other words: ``ask for the door to be closed``."""
 _SAYING = {"say", "speak", "tell", "utter", "announce"}
 _WORD = re.compile(r"\w+")
+_PLURAL = {"", "s", "es", "n", "en", "e"}
+"""Endings of names."""
 _QUOTED = re.compile(r'"[^"]*"')
 _MOST_READ = 12
 """Most records of a deed whose words are read."""
@@ -96,6 +98,11 @@ class Topic:
         return not told or any(
             "{person}" in one for pair in told for one in ([pair] if isinstance(pair, str) else pair)
         )
+
+    @property
+    def names_people(self) -> bool:
+        """Whether its sentences name people."""
+        return self.declared is not None and bool(self.declared.did) and self.concerns_people
 
     @property
     def is_saying(self) -> bool:
@@ -155,6 +162,7 @@ class Subjects:
         """What people said before the question."""
         self.agents = history.agents
         self.persons = tuple(dict.fromkeys(_persons(history)))
+        self._names: dict[str, list[tuple[Phrase, Phrase]]] = {}
         self.topics = self._topics()
         self.things = self._things()
         self.deeds = actions(history)
@@ -180,6 +188,29 @@ class Subjects:
         """First words of names with several words: room, of room1."""
         self.names = frozenset(word for name in spoken for word in tokens(name)) | self.known_words
         """Words of the names of things, agents and persons."""
+
+    def words_of_names(self, language: str) -> set[str]:
+        """Return the words that the vocabulary declares for names in a language."""
+        return {word for phrase, _ in self._names_in(language) for word in phrase}
+
+    def named_in(self, language: str, words: Sequence[str]) -> list[str]:
+        """Return words with the names of a language as the records have them: ``Kiste`` is a box."""
+        result = list(words)
+        for phrase, name in self._names_in(language):
+            for n in range(len(result) - len(phrase), -1, -1):
+                pairs = zip(phrase, result[n : n + len(phrase)], strict=True)
+                if all(word.startswith(one) and word.removeprefix(one) in _PLURAL for one, word in pairs):
+                    result[n : n + len(phrase)] = name
+        return result
+
+    def _names_in(self, language: str) -> list[tuple[Phrase, Phrase]]:
+        """Return phrases for names in a language with the names, the longest ones first."""
+        if language not in self._names:
+            known = ((name, words.get(language, ())) for name, words in self.vocabulary.names.items())
+            pairs = [(tuple(tokens(one)), tuple(tokens(name))) for name, some in known for one in some]
+            occur = [pair for pair in pairs if self.names.issuperset(pair[1])]
+            self._names[language] = sorted(occur, key=lambda pair: -len(pair[0]))
+        return self._names[language]
 
     # Deeds
 

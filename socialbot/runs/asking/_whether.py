@@ -118,7 +118,7 @@ class Whether(Scope):
         is_ordered = question.ordinal is not None and question.event is None
         if question.at_s is None and (question.quantity or is_ordered) and deeds:
             return self._counted_or_ordered(deeds)
-        chosen = self._chosen()
+        chosen = self.chosen()
         if chosen is not None:
             clauses = [self.speech.did(chosen, self.topic)]
             if self.event_deed is not None and question.event is not None and question.event.relation != "when":
@@ -189,7 +189,7 @@ class Whether(Scope):
             return None if told is None else (None, *told)
         if question.person is not None or question.things or question.agent:
             return self._ordered(deeds)
-        chosen = self._chosen()
+        chosen = self.chosen()
         told = self._listed(deeds if chosen is None else [chosen])
         return None if chosen is None else True, *told
 
@@ -245,6 +245,21 @@ class Whether(Scope):
             texts.append(told)
             clauses += some
         return "; ".join(texts), clauses
+
+    def _without_any(self) -> Told | None:
+        """Return the people for whom no deed was done, with what was not done for them; None without such people."""
+        done = [each for each in self.subjects.deeds if each.stamp <= self.now and self.is_meant(each)]
+        named = [(each, topic) for each in done if (topic := self.subjects.topic_of(each)) and topic.names_people]
+        topics = {topic.name: topic for _, topic in named}
+        concerned = {one for each, _ in named for one in self.facts.concerned(each)}
+        left = [one for one in self._all_people() if one not in concerned] if topics else []
+        if not left:
+            return None
+        told: list[Told] = []
+        for topic in topics.values():
+            self.topic, self.deeds = topic, self.subjects.done(topic)
+            told.append(self._without(left))
+        return "; ".join(text for text, _ in told), [clause for _, clauses in told for clause in clauses]
 
     def _left_undone(self) -> Told | None:
         """Return that the deed was not done and why; None if the words may mean another deed.

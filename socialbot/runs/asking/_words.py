@@ -90,6 +90,8 @@ _ENDINGS = ("ings", "ing", "ations", "ation", "ions", "ion", "edly", "ed", "es",
 _WEAK_ENDINGS = {"er", "est", "et", "ion", "ions", "ation", "ations"}
 """Endings that are parts of short words: offer, rest, greet."""
 _SHORTEST_STEM = 3
+_LONG = 6
+"""Least length of a stem in which a double l is one: ``patrolled``."""
 _SAME_BEGIN = 0.84
 """Least similarity in writing of words that begin with different sounds: ``fall`` is not ``call``."""
 _LEAST_WRITTEN = 0.5
@@ -117,7 +119,8 @@ def stem(word: str) -> str:
         found = (each for each, left in fits if word.endswith(each) and left >= _SHORTEST_STEM)
         ending = next(found, "")
         word = word.removesuffix(ending)
-    if len(word) > _SHORTEST_STEM and word[-1] == word[-2] and word[-1] not in "ls":
+    is_doubled = len(word) > _SHORTEST_STEM and word[-1] == word[-2]
+    if is_doubled and (word[-1] not in "ls" or (word[-1] == "l" and len(word) >= _LONG)):
         word = word[:-1]
     return word
 

@@ -152,15 +152,18 @@ ENGLISH = Language(
             "what was the duration,length of,duration of,amount of time"
         ),
         "where": "where,whereabouts,to which place,which place,what place,in which place",
-        "how_far": "how far,how far away,how close,how near,what distance,which distance",
+        "how_far": (
+            "how far,how far away,how close,how near,"
+            "at what distance,what distance,at which distance,which distance,what was the distance"
+        ),
         "auxiliary": "did,do,does,was,were,have,has,had,is,are,can,could,would,will",
         "all": "everyone,everybody,all,each,every,both",
         "shortest": "shortest,least time,briefest",
         "longest": "longest,the most time,most time",
         "but": "but,and,while,whereas,yet",
         "rather": "rather than,instead of,as opposed to,in place of",
-        "event after": "after,as soon as,once,since,following,subsequent to,upon",
-        "event before": "before,until,prior to,and then,and afterwards,and after that",
+        "event after": "after,as soon as,once,since,following,subsequent to,upon,later than",
+        "event before": "before,until,prior to,and then,and afterwards,and after that,earlier than,sooner than",
         "event when": "when,while,the moment,at the moment,as,in response to,in reaction to",
         "comes": "come,came,arrive,enter,appear,approach,show,turn,walk,return",
         "leaves": "leave,left,go,went,gone,disappear,vanish,depart,departed,away,off",
@@ -221,9 +224,18 @@ ENGLISH = Language(
             "with regard to,"
             "kindly,previously,"
             "finally,herself,himself,itself,themselves,"
-            "ended up,end up,stand,standing,stood,straight away,spend,spent,visit"
+            "ended up,end up,in between,stand,standing,stood,straight away,spend,spent,visit"
         ),
         "place": "room,area,hall",
+        "left out": (
+            "nothing,left out,leave out,leaving out,miss out,missed out,passed over,pass over,overlooked,overlook,"
+            "empty handed,excluded,exclude,neglected,went without,go without,not get anything,not receive anything,"
+            "not given anything"
+        ),
+        "between": "between,in between",
+        "to": "to,into,onto",
+        "from": "from",
+        "article": "the,a,an",
     },
     {
         "because": " because",
@@ -251,6 +263,8 @@ ENGLISH = Language(
         "saw_none": "I saw nobody",
         "saw_one": "I saw {people}",
         "away": "{person} {distance} m away",
+        "side": "{person} {side} of the picture",
+        "sides": "on the left|in the middle|on the right",
         "nobody_came": "nobody was here",
         "here": "{person} was here from {at} to {until} s",
         "here_you": "you were here from {at} to {until} s",

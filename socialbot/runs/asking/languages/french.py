@@ -68,7 +68,10 @@ FRENCH = Language(
             "combien de temps,depuis combien de temps,pendant combien de temps,depuis combien,combien de secondes,"
             "combien de minutes,depuis quand,combien de temps as tu mis,combien de temps a t il fallu"
         ),
-        "where": "d ou,a quel endroit,dans quel endroit,ou as tu,ou avez vous,ou est,ou es",
+        "where": (
+            "d ou,a quel endroit,dans quel endroit,ou as tu,ou avez vous,ou est,ou es,ou etait,ou etais,ou etaient,"
+            "ou sont,ou se trouve,ou se trouvait"
+        ),
         "how_far": "a quelle distance,quelle distance,de combien",
         "auxiliary": "as,avez,a,ont,es,est,etes,etait,etaient",
         "all": "tous,toutes,tout le monde,chacun,chaque",
@@ -76,8 +79,8 @@ FRENCH = Language(
         "longest": "le plus longtemps,plus longtemps",
         "but": "mais,et,tandis que,alors que",
         "rather": "plutot que,au lieu de,et pas,mais pas,et non",
-        "event after": "apres que,des que,une fois que",
-        "event before": "avant que,avant de,avant d,jusqu a ce que,et puis,et ensuite",
+        "event after": "apres que,des que,une fois que,apres,plus tard que",
+        "event before": "avant que,avant de,avant d,avant,jusqu a ce que,et puis,et ensuite,plus tot que",
         "event when": "quand,lorsque,lorsqu,pendant que,au moment ou",
         "comes": "venu,venue,venus,arrive,arrivee,arrives,entre,entree,apparu,apparue,vient,arrivait,arriva",
         "leaves": "parti,partie,partis,part,partait,sorti,sortie,disparu,disparue,quitte",
@@ -110,8 +113,13 @@ FRENCH = Language(
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"
-            "simplement,ensemble,elle,avait,besoin,qui"
+            "simplement,ensemble,elle,avait,besoin,qui,entre temps"
         ),
+        "left out": "rien,mains vides,laisse de cote,laissee de cote,exclu,exclue,oublie,oubliee,neglige,negligee",
+        "between": "entre",
+        "to": "a,au,aux,dans,vers,sur",
+        "from": "de,du,des,d,depuis",
+        "article": "le,la,les,l,un,une",
     },
     {
         "because": " car",
@@ -139,6 +147,8 @@ FRENCH = Language(
         "saw_none": "je ne voyais personne",
         "saw_one": "je voyais {people}",
         "away": "{person} à {distance} m",
+        "side": "{person} {side} de l'image",
+        "sides": "à gauche|au milieu|à droite",
         "nobody_came": "il n'y avait personne",
         "here": "{person} était là de {at} à {until} s",
         "here_you": "vous étiez là de {at} à {until} s",

@@ -15,7 +15,7 @@ GERMAN = Language(
         ),
         "what": (
             "was,irgendwas,etwas,beschreibe,wie hast du reagiert,wie hast du dich verhalten,was ist mit,"
-            "erzahl mir von,welcher,welches,welchen"
+            "erzahl mir von,welcher,welches,welchen,welche,welchem"
         ),
         "who": "wer,wen,wem,welche leute,welche person,welche personen,welche besucher,welcher roboter,welcher agent",
         "when": "wann,um welche zeit,zu welcher zeit,zu welchem zeitpunkt,seit wann",
@@ -87,8 +87,8 @@ GERMAN = Language(
         "longest": "am langsten,langste,langsten",
         "but": "aber,und,wahrend,doch,jedoch",
         "rather": "statt,anstatt,anstelle von,und nicht,aber nicht",
-        "event after": "nachdem,sobald,nach dem",
-        "event before": "bevor,ehe,bis,und dann,und danach",
+        "event after": "nachdem,sobald,nach dem,nach der,nach,spater als",
+        "event before": "bevor,ehe,bis,und dann,und danach,vor dem,vor der,vor,fruher als,eher als",
         "event when": "als,wenn,wahrend",
         "comes": "kam,kamen,kommt,gekommen,ankam,erschien,erschienen,auftauchte,hereinkam,eintrat",
         "leaves": "ging,gingen,geht,gegangen,wegging,verschwand,verschwunden,verliess,verlassen,weg,fort",
@@ -125,8 +125,16 @@ GERMAN = Language(
             "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
             "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"
             "des,nun,alle,alles,aufgehort,dort,welche,uberhaupt,als,ding,sache,bloss,einfach,zusammen,brauchte,"
-            "brauche,sich,du,aber,einmal,dich"
+            "brauche,sich,du,aber,einmal,dich,zwischendurch,dazwischen"
         ),
+        "left out": (
+            "nichts,leer aus,leer ausgegangen,ausgelassen,ausgeschlossen,ubergangen,ubersehen,leeren handen,"
+            "nicht bedacht,zu kurz"
+        ),
+        "between": "zwischen",
+        "to": "zu,zur,zum,nach,in,ins,auf,an",
+        "from": "von,vom,aus",
+        "article": "der,die,das,den,dem,ein,eine,einen,einem",
     },
     {
         "because": ", denn",
@@ -153,6 +161,8 @@ GERMAN = Language(
         "saw_none": "ich sah niemanden",
         "saw_one": "ich sah {people}",
         "away": "{person} in {distance} m Entfernung",
+        "side": "{person} {side} des Bildes",
+        "sides": "auf der linken Seite|in der Mitte|auf der rechten Seite",
         "nobody_came": "niemand war hier",
         "here": "{person} war von {at} bis {until} s hier",
         "here_you": "du warst von {at} bis {until} s hier",

@@ -70,7 +70,7 @@ SPANISH = Language(
         "longest": "mas tiempo",
         "but": "pero,y,mientras que",
         "rather": "en vez de,en lugar de,y no,pero no",
-        "event after": "despues de que,en cuanto,una vez que,tan pronto como",
+        "event after": "despues de que,despues de,tras,en cuanto,una vez que,tan pronto como,mas tarde que",
         "event before": "antes de que,antes de,hasta que,y luego,y despues",
         "event when": "cuando,mientras,al momento en que",
         "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
@@ -103,8 +103,13 @@ SPANISH = Language(
             "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
             "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
-            "realmente,simplemente,juntos,necesitaba,fue,ultimo que"
+            "realmente,simplemente,juntos,necesitaba,fue,ultimo que,entretanto,lugar"
         ),
+        "left out": "nada,manos vacias,excluido,excluida,olvidado,olvidada,ignorado,ignorada,desatendido,desatendida",
+        "between": "entre",
+        "to": "a,al,hacia,en,hasta",
+        "from": "de,del,desde",
+        "article": "el,la,los,las,un,una",
     },
     {
         "because": " porque",
@@ -131,6 +136,8 @@ SPANISH = Language(
         "saw_none": "no veía a nadie",
         "saw_one": "veía a {people}",
         "away": "{person} a {distance} m",
+        "side": "{person} {side} de la imagen",
+        "sides": "a la izquierda|en el centro|a la derecha",
         "nobody_came": "no hubo nadie aquí",
         "here": "{person} estuvo aquí de {at} a {until} s",
         "here_you": "estuviste aquí de {at} a {until} s",

@@ -1,0 +1,266 @@
+"""Questions about the time between two events, the order of deeds, places of people, and people left out."""
+
+from __future__ import annotations
+
+import json
+
+import msgspec
+import pytest
+
+from evaluation.questions_check import Verifier
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.core.vocabulary import Deed, Vocabulary
+from socialbot.runs.asking import answer
+from socialbot.runs.asking._facts import Facts
+from socialbot.runs.asking._questions import candidates
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.folder import open_run
+from socialbot.runs.history import History
+from socialbot.runs.narration import Wording
+from socialbot.runs.run import RunView
+from tests.runs.asking.waldo_run import person, run_of
+
+KITCHEN = (
+    ("cook_a", "peel(cook_a, carrot_1)"),
+    ("cook_a", "fry(cook_a, onion_1)"),
+    ("cook_a", "stir(cook_a, soup)"),
+    ("waiter_b", "serve(waiter_b, table_4)"),
+    ("cook_a", "peel(cook_a, carrot_2)"),
+    ("waiter_b", "serve(waiter_b, table_2)"),
+    ("cook_a", "peel(cook_a, carrot_3)"),
+)
+"""Agents without vocabulary with their actions, one each two seconds."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "kitchen"
+    folder.mkdir()
+    records = (
+        TraceRecord(stamp=2 * n * SECOND, id=f"{source}-{n}", source=source, kind="action", what=what)
+        for n, (source, what) in enumerate(KITCHEN)
+    )
+    (folder / "trace.jsonl").write_bytes(b"".join(msgspec.json.encode(each) + b"\n" for each in records))
+    (folder / "results.json").write_text("{}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def kitchen(folder) -> RunView:
+    return open_run(folder)
+
+
+@pytest.fixture(scope="module")
+def visits():
+    """Three visitors: t1 on the right, t2 in the middle, t3 on the left, who looks away."""
+    places = {"t1": (2.0, 14.0, 500.0), "t2": (20.0, 25.0, 280.0), "t3": (30.0, 36.0, 20.0)}
+
+    def seen(at_s: float):
+        for name, (begin, end, x) in places.items():
+            if begin <= at_s < end:
+                one = person(name, 3.0 if name == "t1" else 2.0)
+                yield msgspec.structs.replace(one, x=x, facing_rad=2.9 if name == "t3" else 0.2)
+
+    return run_of(seen, 40.0)
+
+
+def calls(found) -> list[str]:
+    return [call for clause in found.clauses for call in clause.claim.what]
+
+
+@pytest.mark.parametrize(
+    ("question", "done"),
+    [
+        ("What did the cook do between peeling carrot 1 and peeling carrot 2?", ["fry", "stir"]),
+        ("Between onion 1 and carrot 2, what did the cook do?", ["stir"]),
+        ("What happened between carrot 2 and carrot 1?", ["fry", "stir", "serve"]),
+    ],
+)
+def test_deeds_between_two_others_are_told(kitchen, folder, question, done):
+    found = answer(kitchen, question)
+    assert [call.partition("(")[0] for call in calls(found)] == done
+    assert not Verifier(folder).faults(json.loads(msgspec.json.encode(found)))
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["What happened between carrot 1 and carrot 9?", "What did you do between the comet and the eclipse?"],
+)
+def test_a_time_between_what_did_not_happen_is_unknown(kitchen, question):
+    assert not answer(kitchen, question).known
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "What did you do between t1 and t2?", "What happened between the first visitor and the second?",
+        "Was hast du zwischen t1 und t2 getan?", "Qu'as-tu fait entre t1 et t2 ?", "¿Qué hiciste entre t1 y t2?",
+    ],
+)  # fmt: skip
+def test_the_time_between_two_people_is_that_without_them(visits, question):
+    times = [clause.claim.at_s for clause in answer(visits, question).clauses]
+    assert times
+    assert all(at_s is not None and 13.9 <= at_s <= 20.0 for at_s in times)
+
+
+def test_how_long_it_was_between_two_deeds_is_told_by_both(visits):
+    found = answer(visits, "How long was it between the first greeting and the second?")
+    assert [clause.claim.persons for clause in found.clauses] == [("t1",), ("t2",)]
+
+
+@pytest.mark.parametrize(
+    ("question", "call"),
+    [
+        ("Which carrot was peeled second?", "peel(cook_a, carrot_2)"),
+        ("Which carrot was peeled last?", "peel(cook_a, carrot_3)"),
+        ("Which carrot was the third to be peeled?", "peel(cook_a, carrot_3)"),
+        ("Which table was served first?", "serve(waiter_b, table_4)"),
+    ],
+)
+def test_order_is_counted_with_and_without_an_article(kitchen, question, call):
+    assert calls(answer(kitchen, question)) == [call]
+
+
+@pytest.mark.parametrize(
+    ("question", "who"),
+    [
+        ("Who was greeted second?", "t2"), ("Whom did you greet last?", "t2"), ("Wen hast du zuletzt begrüßt?", "t2"),
+        ("Wer wurde als Zweiter begrüßt?", "t2"), ("Qui as-tu salué en deuxième ?", "t2"),
+        ("¿A quién saludaste en segundo lugar?", "t2"), ("Who did you greet first?", "t1"),
+        ("Who did you greet right after t1?", "t2"),
+    ],
+)  # fmt: skip
+def test_people_are_told_in_the_order_in_question(visits, question, who):
+    assert [clause.claim.persons for clause in answer(visits, question).clauses] == [(who,)]
+
+
+@pytest.mark.parametrize("question", ["At what second did you greet t1?", "In which second did you greet t1?"])
+def test_a_second_in_time_is_no_order(visits, question):
+    assert [clause.claim.at_s for clause in answer(visits, question).clauses] == [2.2]
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "What did you do right after you greeted t1?", "Was hast du direkt nach der Begrüßung von t1 getan?",
+        "Qu'as-tu fait juste après avoir salué t1 ?", "¿Qué hiciste justo después de saludar a t1?",
+    ],
+)  # fmt: skip
+def test_the_next_deed_after_another_is_told(visits, question):
+    assert [clause.claim.at_s for clause in answer(visits, question).clauses] == [10.2]
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s", "who", "side"),
+    [
+        ("Where was t1 at 5 s?", 5.0, "t1", "right"), ("Where is t2?", 24.9, "t2", "middle"),
+        ("Where was the third visitor?", 35.9, "t3", "left"),
+        ("Where was the second visitor at 22 s?", 22.0, "t2", "middle"),
+        ("Wo war t1 bei 5 s?", 5.0, "t1", "right"), ("Où était t1 à 5 s ?", 5.0, "t1", "right"),
+        ("¿Dónde estaba t1 a los 5 s?", 5.0, "t1", "right"),
+    ],
+)  # fmt: skip
+def test_people_are_where_they_were_seen(visits, question, at_s, who, side):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert [(one.kind, one.at_s, one.persons, one.what) for one in claims] == [("saw", at_s, (who,), (side,))]
+
+
+@pytest.mark.parametrize(
+    "question", ["At what distance did you greet t1?", "How far away was t1 when you greeted them?"]
+)
+def test_the_distance_at_a_deed_is_told_with_the_deed(visits, question):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert [(one.kind, one.value) for one in claims] == [("did", None), ("saw", 3.0)]
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Who got nothing from you?", "Who was left out?", "Did you leave anyone out?", "Who went away empty-handed?",
+        "Wer ging leer aus?", "Wer hat nichts bekommen?", "Qui n'a rien reçu ?", "¿Quién no recibió nada?",
+    ],
+)  # fmt: skip
+def test_people_for_whom_nothing_was_done_are_told(visits, question):
+    claims = [clause.claim for clause in answer(visits, question).clauses if clause.claim.kind == "did_not"]
+    assert claims
+    assert {one.persons for one in claims} == {("t3",)}
+
+
+@pytest.mark.parametrize("question", ["Who was not here?", "Who said nothing?", "Who did not turn up?"])
+def test_people_who_did_not_come_or_speak_are_unknown(visits, question):
+    assert not answer(visits, question).known
+
+
+@pytest.fixture(scope="module")
+def talk():
+    return run_of(
+        lambda at_s: [person("t1", 2.0)] if 1.0 <= at_s < 20.0 else [],
+        22.0,
+        heard={6.0: "Where can I find the lift?", 12.0: "Why did you greet me?"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("question", "heard"),
+    [
+        ("Did t1 ask you why you greeted them?", "Why did you greet me?"),
+        ("When did t1 ask why you greeted him?", "Why did you greet me?"),
+        ("Did anyone ask where the lift is?", "Where can I find the lift?"),
+        ("Hat t1 gefragt, warum du ihn begrüßt hast?", "Why did you greet me?"),
+        ("t1 a-t-il demandé pourquoi tu l'as salué ?", "Why did you greet me?"),
+        ("¿Preguntó t1 por qué lo saludaste?", "Why did you greet me?"),
+    ],
+)
+def test_what_people_asked_is_what_was_heard(talk, question, heard):
+    claims = [clause.claim for clause in answer(talk, question).clauses]
+    assert [one.what for one in claims if one.kind == "heard"] == [(heard,)]
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["Did t1 ask where the cinema is?", "Did anybody ask you whether you can dance?", "Did t1 ask why you left?"],
+)
+def test_what_nobody_asked_is_unknown(talk, question):
+    assert not answer(talk, question).known
+
+
+@pytest.mark.parametrize(
+    "question", ["Can somebody tell me why you greeted t1?", "A colleague asked me why you greeted t1."]
+)
+def test_who_only_asks_does_not_ask_what_was_heard(talk, question):
+    assert answer(talk, question).intent == "why"
+
+
+NAMES = Vocabulary(
+    deeds=(
+        Deed(calls=("water",), words={"en": ("water",), "de": ("gießen", "gegossen"), "fr": ("arroser", "arrosé")}),
+    ),
+    names={
+        "tree": {"en": ("sapling",), "de": ("Baum",), "fr": ("arbre",)},
+        "pond": {"de": ("Teich",), "fr": ("petit lac",)},
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def garden() -> Facts:
+    what = ("water(hose_a, tree_1)", "water(hose_a, pond)", "water(hose_a, tree_2)")
+    records = [
+        TraceRecord(stamp=n * SECOND, id=f"r-{n}", source="hose_a", kind="action", what=one)
+        for n, one in enumerate(what)
+    ]
+    return Facts(Subjects(History(records), Wording({}, {}), NAMES, {}))
+
+
+@pytest.mark.parametrize(
+    ("question", "things", "kind"),
+    [
+        ("Did you water sapling 2?", ["tree_2"], ""), ("Hast du Baum 1 gegossen?", ["tree_1"], ""),
+        ("Wann hast du den Teich gegossen?", ["pond"], ""), ("As-tu arrosé le petit lac ?", ["pond"], ""),
+        ("Welcher Baum wurde zuerst gegossen?", [], "tree"), ("Quels arbres as-tu arrosés ?", [], "tree"),
+    ],
+)  # fmt: skip
+def test_names_are_read_in_the_words_that_an_agent_declares(garden, question, things, kind):
+    read = candidates(question, garden.subjects)[0].question
+    assert (list(read.things), read.thing_kind) == (things, kind)
