@@ -13,6 +13,16 @@ STEP_M = 0.68
 """Length of a step of the reference body at 1.2 m/s."""
 SEAT_M = 0.46
 """Height of the seats on which people sit."""
+_SWAY_RAD = 0.005, 0.003
+"""Sway of people who stand still, fore and aft and sideways (rms): 8 and 5 mm at the head. Winter, Gait & Posture 3,
+1995, has half of it for the centre of mass, at half of the height."""
+_SWAYS = (0.11, 1.0), (0.23, 0.8), (0.41, 0.6)
+"""Frequency (Hz) and share of its parts: most of it is below 0.5 Hz."""
+_SHIFT_RAD, _SHIFT_S = 0.012, 17.0
+"""Lean to the leg that carries the weight: 20 mm at the head; and time between two changes of the leg. Duarte and
+Zatsiorsky, Motor Control 3, 1999, describe such shifts."""
+_SWAY_MPS = 0.3
+"""Speed from which on nobody sways."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,19 @@ def _turn(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> np.ndarray
     )
 
 
+def sway(stance: Stance, phase: float = 0.0) -> tuple[float, float]:
+    """Return how far a person who stands or sits leans forward and to the left (rad); ``phase`` tells people apart."""
+    time, still = stance.time_s + 61 * phase, max(0.0, 1.0 - stance.speed_mps / _SWAY_MPS)
+    rms = math.sqrt(sum(share**2 for _, share in _SWAYS) / 2)
+
+    def swing(start: float) -> float:
+        parts = (share * math.sin(math.tau * hertz * time + n * start) for n, (hertz, share) in enumerate(_SWAYS, 1))
+        return sum(parts) / rms
+
+    shift = math.tanh(4.0 * math.sin(math.pi * time / _SHIFT_S))
+    return still * _SWAY_RAD[0] * swing(0.0), still * (_SWAY_RAD[1] * swing(1.9) + _SHIFT_RAD * shift)
+
+
 def angles(stance: Stance, scale: float, phase: float = 0.0) -> dict[str, tuple[float, float, float]]:
     """Return yaw, pitch and roll (rad) of each segment against its parent; ``phase`` tells people apart."""
     walk = min(stance.speed_mps / 0.9, 1.0)
@@ -65,9 +88,10 @@ def angles(stance: Stance, scale: float, phase: float = 0.0) -> dict[str, tuple[
     turn = math.remainder(stance.gaze_rad - stance.heading_rad, math.tau)
     trunk = min(max(0.25 * turn, -0.35), 0.35)
     look = min(max(turn - trunk, -1.25), 1.25)
+    forward, left = (sit * each for each in sway(stance, phase))  # of the trunk alone
     found = {
         "pelvis": (0.06 * walk * math.sin(cycle), 0.0, 0.0),
-        "chest": (trunk - 0.1 * walk * math.sin(cycle), 0.03 * walk + 0.06 * sit + breath, 0.0),
+        "chest": (trunk - 0.1 * walk * math.sin(cycle), 0.03 * walk + 0.06 * sit + breath + forward, -left),
         "head": (look, -0.03 * walk - 0.04 * sit + 0.05 * talk * math.sin(2.1 * t), 0.03 * math.sin(0.7 * t)),
     }
     for side, sign in (("l", 1), ("r", -1)):
@@ -93,11 +117,13 @@ def angles(stance: Stance, scale: float, phase: float = 0.0) -> dict[str, tuple[
 def pose(body: Figure, stance: Stance, phase: float = 0.0) -> dict[str, Frame]:
     """Return the frame of each segment in the world; the lower foot is on the floor."""
     turns = {name: _turn(*each) for name, each in angles(stance, body.scale, phase).items()}
-    base = _turn(stance.heading_rad)
+    forward, left = ((1 - stance.seated) * each for each in sway(stance, phase))  # of the whole body on its feet
+    base = _turn(stance.heading_rad) @ _turn(pitch=forward, roll=-left)
+    hips = np.array([stance.x, stance.y, 0.0]) + body.joints["pelvis"][2] * base[:, 2] * (1.0, 1.0, 0.0)
     frames: dict[str, Frame] = {}
     for name in SEGMENTS:
         if name == "pelvis":
-            frames[name] = base @ turns[name], np.array([stance.x, stance.y, 0.0])
+            frames[name] = base @ turns[name], hips
             continue
         turned, place = frames[PARENTS[name]]
         frames[name] = turned @ turns[name], place + turned @ np.array(body.joints[name])

@@ -73,6 +73,26 @@ def test_seated_people_sit_on_the_seat():
     assert abs(frames["shin_l"][1][2] - frames["thigh_l"][1][2]) < 0.12
 
 
+@pytest.mark.parametrize("seated", [0.0, 1.0])
+@pytest.mark.parametrize("phase", [0, 1, 5])
+def test_people_who_stay_sway_as_much_as_real_ones_and_keep_their_feet_and_seats(seated, phase):
+    body = figure(Looks())
+
+    def places(name: str, speed_mps: float = 0.0) -> np.ndarray:
+        stances = [Stance(0, 0, 0, 0, speed_mps, seated=seated, time_s=time) for time in np.arange(0, 120, 0.2)]
+        return np.array([pose(body, each, phase)[name][1] for each in stances])
+
+    head, rest = places("head"), places("pelvis" if seated else "foot_l")
+    forward, sideways, _ = head.std(axis=0)
+    assert 0.003 < forward < 0.015
+    assert 0.004 < sideways < 0.03
+    assert abs(np.diff(head, axis=0)).max() < 0.2 * 0.06  # at most 6 cm/s
+    assert np.ptp(rest, axis=0).max() < 0.006
+    if not seated:
+        walking = places("head", speed_mps=1.2)
+        assert walking[:, :2].std(axis=0).max() < 0.01  # of the gait
+
+
 def test_people_of_a_script_walk_talk_sit_and_leave():
     people = crowd()
     ada, ben = people.motions["ada"], people.motions["ben"]
