@@ -16,10 +16,10 @@ VOCABULARY = Vocabulary(
         Deed(
             calls=("movetoward",),
             words={
-                "en": ("go", "move", "drive", "travel", "return"),
-                "de": ("fahren", "gefahren", "fuhrst", "gehen", "gegangen", "gingst", "bewegen", "bewegt"),
-                "fr": ("aller", "allé", "rouler", "roulé", "retourner", "retourné"),
-                "es": ("ir", "fuiste", "fue", "ido", "mover", "moviste", "volver", "volviste"),
+                "en": ("go", "move", "drive", "travel", "return", "leave", "enter"),
+                "de": ("fahren", "gefahren", "fuhrst", "gehen", "gegangen", "gingst", "bewegen", "bewegt", "verlassen"),
+                "fr": ("aller", "allé", "rouler", "roulé", "retourner", "retourné", "quitter", "quitté"),
+                "es": ("ir", "fuiste", "fue", "ido", "mover", "moviste", "volver", "volviste", "dejar", "dejaste"),
             },
         ),
         Deed(

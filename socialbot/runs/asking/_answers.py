@@ -268,6 +268,8 @@ class _Answering(Whether):
     def _when(self) -> Told | None:
         event = self.question.event
         if self.topic is not None:
+            if self.question.is_negative and not self.question.is_opposite and not self.subjects.persons:
+                return None  # "Which box was not picked up?": no record tells which other ones there are.
             deeds = self.of_persons(self.deeds)
             if not deeds and (parts := self._parts()):
                 return self._compared(parts)
@@ -288,7 +290,9 @@ class _Answering(Whether):
             left = (
                 self._left_out(self._all_people()) if self.question.is_negative is not self.question.is_opposite else []
             )
-            return self._without(left) if left and self.question.person is None else self._when()
+            if self.question.person is None and left:
+                return self._without(left)
+            return self._when()
         return self._without_any() if self.question.about_left_out else self._when()
 
     def _how_long(self) -> Told | None:

@@ -25,6 +25,11 @@ def visitors(scope: Scope) -> Told | None:
         compared = [each for each in scope.facts.visits if each.person in (*scope.persons, *scope.event_persons)]
         clauses = [stay(scope, each) for each in compared if each.first.stamp <= scope.now]
         return (scope.joined(clauses), clauses) if clauses else None
+    if event is not None and event.relation != "when" and scope.persons and scope.event_deed is not None:
+        # "Did t1 leave before you greeted t2?": the visit and the deed
+        clauses = [stay(scope, each) for each in _visits(scope)]
+        clauses.append(scope.speech.did(scope.event_deed, scope.subjects.topic_of(scope.event_deed)))
+        return scope.joined(clauses), clauses
     is_at_event = scope.event_s is not None and scope.question.kind == "who"
     if scope.question.at_s is not None or is_at_event:
         return seen(scope)
@@ -127,6 +132,8 @@ def _visits(scope: Scope) -> list[Presence]:
     stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
     if scope.persons:
         stays = [each for each in stays if each.person in scope.persons]
+    if scope.question.ordinal is not None and not scope.persons and stays:
+        return _in_order(scope, stays)
     if scope.question.extreme and stays:
         lengths = [
             round(scope.history.seconds(each.last.stamp) - scope.history.seconds(each.first.stamp), 1) for each in stays
@@ -134,6 +141,19 @@ def _visits(scope: Scope) -> list[Presence]:
         wanted = max(lengths) if scope.question.extreme == "longest" else min(lengths)
         stays = [each for each, length in zip(stays, lengths, strict=True) if length == wanted]
     return stays
+
+
+def _in_order(scope: Scope, stays: Sequence[Presence]) -> list[Presence]:
+    """Return the visits of a number in the order in which people came or left, with those at the same time."""
+    came = {each.person: each for each in reversed(stays)}
+    left = {each.person: each for each in stays}
+
+    def at_s(visit: Presence) -> float:
+        return round(scope.history.seconds((visit.last if scope.question.leaves else visit.first).stamp), 1)
+
+    ordered = sorted((left if scope.question.leaves else came).values(), key=at_s)
+    chosen = scope.numbered(ordered)
+    return [] if chosen is None else [each for each in ordered if at_s(each) == at_s(chosen)]
 
 
 def _people_counted(scope: Scope) -> Clause:

@@ -137,6 +137,7 @@ class Question:
         is_negative: Whether it has a negation.
         about_all: Whether it is about all people.
         extreme: Whether it asks for the longest or the shortest visit.
+        leaves: Whether it asks about people who leave.
         about_left_out: Whether it asks for people for whom the deed was not done.
         about_speech: Whether it is about speaking in general.
         asks: Whether it is about asking somebody.
@@ -174,6 +175,7 @@ class Question:
     is_negative: bool = False
     about_all: bool = False
     extreme: Literal["longest", "shortest", ""] = ""
+    leaves: bool = False
     about_left_out: bool = False
     about_speech: bool = False
     asks: bool = False
@@ -412,6 +414,8 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
     person = named or person
     referred = frozenset(reading.taken)
     classify(reading, words_of_deeds(subjects, language.code))
+    if not subjects.persons:
+        _release_deeds(reading, subjects)
     for name in ("silent", "waits", "talk"):
         places = places_of_class(reading.words, language, name) - referred
         if places:
@@ -451,6 +455,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
+        leaves=tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes"),
         about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
         unknown=tuple(reading.words[place] for place in reading.free()),
@@ -458,6 +463,18 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
         thing_kind=_thing_kind(reading, subjects),
     )  # fmt: skip
     return Found(reading, question, agents, deeds, referred, verb)
+
+
+def _release_deeds(reading: Reading, subjects: Subjects) -> None:
+    """Take words of visits as deeds that agents declare: in a run without people only agents come and leave."""
+    phrases = (one for topic in subjects.topics for one in topic.words.get(reading.language.code, ()))
+    declared = {stem(phrase[0]) for phrase in phrases if len(phrase) == 1} - set(
+        map(stem, reading.language.auxiliaries)
+    )
+    here = reading.found.get("here", ())
+    kept = [each for each in here if not any(stem(reading.words[n]) in declared for n in each[1])]
+    reading.taken -= set(reading.places("here")) - {n for _, places in kept for n in places}
+    reading.found["here"] = kept
 
 
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
@@ -650,23 +667,33 @@ def _subordinate(found: Found, subjects: Subjects) -> Question:
     things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
     topics = () if deed is None else (deed.topic,)
     by_people = deed is not None and _are_doers(found, deed.places, subjects)
-    return replace(found.question, topics=topics, agent=agent, things=things, by_people=by_people)
+    is_synonym = deed is not None and deed.is_synonym
+    return replace(
+        found.question, topics=topics, agent=agent, things=things, by_people=by_people, is_synonym=is_synonym
+    )
 
 
 def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Event | None:
     what, words, language = _subordinate(found, subjects), parts.event, found.reading.language
     if what.topics and what.person is None and found.reading.has("them"):
         what = replace(what, person=main.person)  # "How far away was t1 when you greeted them?"
+    if not what.agent and what.person is None and main.agent and found.reading.has("them"):
+        what = replace(what, agent=main.agent)  # "What did carrier c do after it unloaded?"
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
     begin = words[1:2] if words[0] in _ARTICLES else words[:1]
     is_by_person = what.person is not None or begin in people
     if what.about_speech and is_by_person and (words[0],) not in language.phrases["you"]:
-        heard = tuple(word for word in words if word not in language.known_words)
+        told = (word for n, word in enumerate(words) if n not in found.referred)
+        heard = tuple(word for word in told if word not in language.known_words)
         return Event(parts.relation, what, leaves=False, heard=heard)
     if main.topics and not what.topics and (what.things or what.agent):
         # The same deed with another thing or of another agent: "before carrier b"
-        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)
+        names = {*what.things, *([what.agent] if what.agent else [])}
+        done = (one for topic in main.topics for one in subjects.done(topic))
+        if any(names <= {*arguments_of(one.what), one.source} for one in done):
+            return Event(parts.relation, replace(what, topics=main.topics), leaves=False)
+        return Event(parts.relation, what, leaves=False)
     leaves = leaves and (not comes or bool(_AWAY.intersection(words)))  # "walked off"
     is_visit = (what.person is not None or what.about_all) and (leaves or comes)
     if not is_visit and main.topics and not what.topics and what.person is not None:

@@ -366,12 +366,19 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
     return things, agents
 
 
+_KEPT = {"to", "from", "into", "onto"}
+"""English prepositions, as sentences have them."""
+
+
 def _word_before(reading: Reading, place: int) -> str:
     """Return the word before a name and its article, a preposition of place in English; empty without one."""
     phrases = reading.language.phrases
     before = [word for word in reading.words[:place] if (word,) not in phrases["article"]]
     found = next((name for name in ("to", "from") if before and (before[-1],) in phrases[name]), "")
-    return found if found and reading.language.code != "en" else "".join(before[-1:])
+    if not found and reading.language.code == "de" and tuple(reading.words[-1:]) in phrases["from"]:
+        found = "from"  # "Wann hast du die Küche verlassen?"
+    is_word = reading.language.code == "en" and before and before[-1] in _KEPT
+    return found if found and not is_word else "".join(before[-1:])
 
 
 def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
@@ -407,7 +414,8 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
             is_group = n > 0 and words[n - 1] in _DEFINITE and (word,) in phrases["group"]
             if counted is not None and n - 1 not in reading.taken:
                 reading.taken.add(n - 1)
-                is_group = n > 1 and counted[0] == 2.0 and words[n - 2] in _DEFINITE and words[n - 3] != "of"
+                is_meant = n > 1 and (words[n - 2] in _DEFINITE or (words[n - 2],) in phrases["which"])
+                is_group = is_meant and counted[0] == 2.0 and words[n - 3] != "of"
             if is_group:
                 return PersonReference(together=True)  # "the two people", "the couple"
     return None

@@ -141,8 +141,9 @@ class Scope:
         self.event_persons = scope.persons
         if event.heard is not None:
             heard = [each for each in self.subjects.heard if each.stamp <= self.now]
+            heard = [each for each in heard if not scope.persons or each.detail.get("person") in scope.persons]
             fitting = [each for each in heard if set(event.heard) <= set(tokens(each.what))]
-            return self.history.seconds(fitting[-1].stamp) if fitting else None
+            return self.history.seconds(fitting[0 if event.relation == "before" else -1].stamp) if fitting else None
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]
             self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)
@@ -328,11 +329,23 @@ class Scope:
         """Return the deed that is meant: the one at the time or of the number in the question, or else the last."""
         deeds = self.of_persons(self.deeds)
         if self.question.at_s is not None:
-            return next(iter(near(deeds, self.history.stamp(self.question.at_s), NEAR_S)), None)
+            at = self.history.stamp(self.question.at_s)
+            return next(iter(near(deeds, at, NEAR_S)), None) or self._lasting(deeds, at)
         event = self.question.event
         if event is not None and event.relation != "before" and self.question.ordinal is None:
             return deeds[0] if deeds else None
         return self.numbered(deeds)
+
+    def _lasting(self, deeds: Sequence[TraceRecord], stamp: int) -> TraceRecord | None:
+        """Return a deed that was still the last one at a time: to stay idle lasts until something else is done."""
+        if self.topic is None or self.topic.names_people or self.topic.is_saying:
+            return None
+        last = next((each for each in reversed(deeds) if each.stamp <= stamp), None)
+        if last is None:
+            return None
+        agent = record_agent(self.history, last)
+        later = (each for each in self.subjects.deeds if last.stamp < each.stamp <= stamp)
+        return None if any(record_agent(self.history, each) == agent for each in later) else last
 
     def moment(self) -> tuple[float, int]:
         """Return the time that a state is asked for, in seconds and as a stamp: by default that of the question."""

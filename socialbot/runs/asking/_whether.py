@@ -30,6 +30,10 @@ class Whether(Scope):
 
     def _count(self) -> Told | None:
         if self.topic is not None:
+            is_negative = self.question.is_negative is not self.question.is_opposite
+            if is_negative and not self.question.quantity and self.question.person is None:
+                left = self._left_out(self._all_people())  # "How many people did you not help?"
+                return self._without(left) if left else None
             deeds = self.of_persons(self.deeds)
             if not deeds:
                 return self._left_undone()
@@ -198,6 +202,9 @@ class Whether(Scope):
         is_agent = self.question.person is None and not self.question.things
         done = [each for each in self.subjects.done(self.topic) if each.stamp <= self.now] if self.topic else []
         every = [one for one in done if is_agent or self.agent in ("", record_agent(self.history, one))]
+        if is_agent:  # "Did carrier a leave last?" is about carriers.
+            kind = kind_of_name(self.agent)
+            every = [each for each in every if kind_of_name(record_agent(self.history, each)) == kind]
         first = self.numbered(every)
         clauses = [] if first is None else [self.speech.did(first, self.topic)]
         if first in deeds:

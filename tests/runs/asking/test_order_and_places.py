@@ -264,3 +264,65 @@ def garden() -> Facts:
 def test_names_are_read_in_the_words_that_an_agent_declares(garden, question, things, kind):
     read = candidates(question, garden.subjects)[0].question
     assert (list(read.things), read.thing_kind) == (things, kind)
+
+
+@pytest.mark.parametrize(
+    ("question", "who"),
+    [
+        ("Who came last?", "t3"), ("Who left first?", "t1"), ("Who was the second to arrive?", "t2"),
+        ("Wer kam als Erster?", "t1"), ("Qui est parti en dernier ?", "t3"), ("¿Quién llegó primero?", "t1"),
+    ],
+)  # fmt: skip
+def test_visits_are_told_in_the_order_in_question(visits, question, who):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert [(one.kind, one.persons) for one in claims] == [("here", (who,))]
+
+
+@pytest.mark.parametrize("question", ["How many people did you not greet?", "How many visitors were not greeted?"])
+def test_people_are_not_counted_by_deeds_that_were_not_done(visits, question):
+    assert [clause.claim.kind for clause in answer(visits, question).clauses][:1] == ["did_not"]
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["Which carrot was not peeled?", "Which table was never served?", "Which onion was peeled but not fried?"],
+)
+def test_things_of_which_no_record_tells_are_unknown(kitchen, question):
+    assert not answer(kitchen, question).known
+
+
+@pytest.mark.parametrize("question", ["Why were you idle at 19 s?", "Were you idle at 19 s?"])
+def test_idleness_lasts_until_the_next_deed(visits, question):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert (claims[0].kind, claims[0].at_s) == ("did", 15.9)
+
+
+@pytest.fixture(scope="module")
+def ferry() -> Facts:
+    """Return the facts of a ferry without people, whose words are those of visits, too."""
+    what = ("sail(ferry_a, harbour, island)", "sail(ferry_a, island, lighthouse)")
+    records = [
+        TraceRecord(stamp=4 * n * SECOND, id=f"f-{n}", source="ferry_a", kind="action", what=one)
+        for n, one in enumerate(what)
+    ]
+    words = {"en": ("sail", "leave"), "de": ("segeln", "gesegelt", "verlassen"), "fr": ("naviguer", "parti", "quitté")}
+    vocabulary = Vocabulary((Deed(calls=("sail",), words=words),), names={"island": {"de": ("Insel",), "fr": ("île",)}})
+    return Facts(Subjects(History(records), Wording({}, {"sail": "sails from {1} to {2}"}), vocabulary, {}))
+
+
+@pytest.mark.parametrize(
+    ("question", "things"),
+    [
+        ("When did you leave the island?", {"island": "from"}),
+        ("Wann hast du die Insel verlassen?", {"island": "from"}),
+        ("Quand as-tu quitté l'île ?", {"island": "from"}), ("Pourquoi le ferry a est-il parti ?", {}),
+        ("Why did ferry a leave before noon?", {}), ("Bist du zur Insel gesegelt?", {"island": "to"}),
+    ],
+)  # fmt: skip
+def test_leaving_is_a_deed_of_agents_that_are_alone(ferry, question, things):
+    read = [each.question for each in candidates(question, ferry.subjects)]
+    assert things in [each.things for each in read if each.topics]
+
+
+def test_a_pronoun_in_an_event_is_the_agent_of_the_question(kitchen):
+    assert calls(answer(kitchen, "What did the cook do after it stirred the soup?")) == ["peel(cook_a, carrot_2)"]

@@ -229,12 +229,12 @@ ENGLISH = Language(
         "place": "room,area,hall",
         "left out": (
             "nothing,left out,leave out,leaving out,miss out,missed out,passed over,pass over,overlooked,overlook,"
-            "empty handed,excluded,exclude,neglected,went without,go without,not get anything,not receive anything,"
-            "not given anything"
+            "forget,forgot,forgotten,empty handed,excluded,exclude,neglected,went without,go without,not get anything,"
+            "not receive anything,not given anything"
         ),
         "between": "between,in between",
-        "to": "to,into,onto",
-        "from": "from",
+        "to": "to,into,onto,enter,entered,reach,reached,visit,visited",
+        "from": "from,leave,left,leaving,exit,exited",
         "article": "the,a,an",
     },
     {

@@ -118,7 +118,7 @@ FRENCH = Language(
         "left out": "rien,mains vides,laisse de cote,laissee de cote,exclu,exclue,oublie,oubliee,neglige,negligee",
         "between": "entre",
         "to": "a,au,aux,dans,vers,sur",
-        "from": "de,du,des,d,depuis",
+        "from": "de,du,des,d,depuis,quitte,quitter",
         "article": "le,la,les,l,un,une",
     },
     {

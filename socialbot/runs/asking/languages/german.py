@@ -129,11 +129,11 @@ GERMAN = Language(
         ),
         "left out": (
             "nichts,leer aus,leer ausgegangen,ausgelassen,ausgeschlossen,ubergangen,ubersehen,leeren handen,"
-            "nicht bedacht,zu kurz"
+            "nicht bedacht,zu kurz,vergessen"
         ),
         "between": "zwischen",
         "to": "zu,zur,zum,nach,in,ins,auf,an",
-        "from": "von,vom,aus",
+        "from": "von,vom,aus,verlassen,verliess",
         "article": "der,die,das,den,dem,ein,eine,einen,einem",
     },
     {

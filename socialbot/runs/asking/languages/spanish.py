@@ -105,10 +105,12 @@ SPANISH = Language(
             "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
             "realmente,simplemente,juntos,necesitaba,fue,ultimo que,entretanto,lugar"
         ),
-        "left out": "nada,manos vacias,excluido,excluida,olvidado,olvidada,ignorado,ignorada,desatendido,desatendida",
+        "left out": (
+            "olvidaste,nada,manos vacias,excluido,excluida,olvidado,olvidada,ignorado,ignorada,desatendido,desatendida"
+        ),
         "between": "entre",
         "to": "a,al,hacia,en,hasta",
-        "from": "de,del,desde",
+        "from": "de,del,desde,dejaste,dejo,abandonaste",
         "article": "el,la,los,las,un,una",
     },
     {
