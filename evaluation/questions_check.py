@@ -429,7 +429,8 @@ class Verifier:
 
     def _nobody_here(self, claim: Line, lines: Sequence[Line]) -> str:
         wanted = claim.get("persons") or sorted({one for line in self.trace.lines for one in people(line)})
-        came = [one for one in wanted for begin, _ in self.trace.present(one) if begin <= claim["until_s"]]
+        stays = [(one, begin, end) for one in wanted for begin, end in self.trace.present(one)]
+        came = [one for one, begin, end in stays if begin <= claim["until_s"] and end >= claim["at_s"]]
         return f"{came[0]} was here" if came else ""
 
     def _heard(self, claim: Line, lines: Sequence[Line]) -> str:

@@ -286,6 +286,9 @@ class _Answering(Whether):
         return visitors(self)
 
     def _who(self) -> Told | None:
+        other = self.question.contrast
+        if self.topic is not None and other is not None and other.topics and other.person is None:
+            return self._done_only(other)
         if self.topic is not None:
             left = (
                 self._left_out(self._all_people()) if self.question.is_negative is not self.question.is_opposite else []
@@ -294,6 +297,21 @@ class _Answering(Whether):
                 return self._without(left)
             return self._when()
         return self._without_any() if self.question.about_left_out else self._when()
+
+    def _done_only(self, other: Question) -> Told | None:
+        """Return the people for whom the deed was done, and the ``other`` one not."""
+        asked = replace(self.question, topics=other.topics, contrast=None, is_opposite=other.is_opposite)
+        beside = self._beside(asked)
+        came = self._all_people()
+        undone = [
+            one for one in came if one not in {each for deed in beside.deeds for each in self.facts.concerned(deed)}
+        ]
+        done = {one: deed for deed in self.deeds for one in self.facts.concerned(deed) if one in undone}
+        if not done:
+            return None
+        told, clauses = self._listed(list({id(deed): deed for deed in done.values()}.values()))
+        without, some = beside._without(list(done))
+        return f"{told}; {without}", [*clauses, *some]
 
     def _how_long(self) -> Told | None:
         """Return when people were here; for a deed also when it was done; for a time between events both of them."""

@@ -214,7 +214,7 @@ def without_between(words: Sequence[str], language: Language) -> Parts | None:
     return None
 
 
-_PARTICIPLE = re.compile(r"([a-z]{2,3})?ge[a-z]+(t|en)|(be|ver|er)[a-z]+t")
+_PARTICIPLE = re.compile(r"([a-z]{2,3})?ge[a-z]+(t|en)|(be|ver|er|ent)[a-z]+t|(ver|ent)[a-z]+en")
 
 
 def _with_verb(main: Sequence[str], end: Sequence[str], language: Language) -> tuple[tuple[str, ...], tuple[str, ...]]:

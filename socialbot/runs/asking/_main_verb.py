@@ -54,6 +54,9 @@ def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
     if place == start + 1 or (words[place - 1] in _ARTICLES and place - 1 not in subjects):
         return None
     while place < len(words):
+        if place in subjects:  # "carrier a and carrier b"
+            place += 1
+            continue
         following = next(iter(words[place + 1 : place + 2]), "")
         is_auxiliary = (following in ("to", "not", "up") and stem(words[place]) in _BEFORE_INFINITIVE) or (
             following.endswith("ing") and stem(words[place]) in _BEFORE_GERUND

@@ -132,6 +132,9 @@ def _visits(scope: Scope) -> list[Presence]:
     stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
     if scope.persons:
         stays = [each for each in stays if each.person in scope.persons]
+    if scope.question.span_s is not None:
+        begin, end = map(scope.history.stamp, scope.span())
+        stays = [each for each in stays if each.first.stamp <= end and each.last.stamp >= begin]
     if scope.question.ordinal is not None and not scope.persons and stays:
         return _in_order(scope, stays)
     if scope.question.extreme and stays:
@@ -167,8 +170,11 @@ def _people_counted(scope: Scope) -> Clause:
 
 
 def _nobody(scope: Scope) -> Told:
-    claim = Claim("nobody_here", at_s=0.0, until_s=scope.now_s, persons=tuple(scope.persons))
+    begin_s, end_s = scope.span() if scope.question.span_s is not None else (0.0, scope.now_s)
+    claim = Claim("nobody_here", at_s=begin_s, until_s=end_s, persons=tuple(scope.persons))
     clause = Clause(scope.speech.say("nobody_came"), (), claim)
+    if scope.question.span_s is not None:
+        clause = scope.speech.within(clause, begin_s, end_s)
     return clause.text, [clause]
 
 

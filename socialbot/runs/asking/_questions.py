@@ -315,8 +315,13 @@ def _candidates(
     if between:  # Then nothing else explains the word.
         yield from (*between, Candidate(whole.question, whole, None, 0))
         return
-    yield from _combined(whole, quoted, subjects)
     split = without_contrast(words, language)
+    if split is not None and split.is_denied and whole.reading.has("who"):
+        only = list(_done_only(split, quoted, subjects, language))
+        if only:
+            yield from (*only, Candidate(whole.question, whole, None, 0))
+            return
+    yield from _combined(whole, quoted, subjects)
     if split is not None:
         other, main = _found(split.contrast, subjects, language), _found(split.main, subjects, language)
         contrast = _subordinate(other, subjects)
@@ -335,6 +340,11 @@ def _candidates(
     split = without_event(words, language)
     if split is not None:
         other, main = _found(split.event, subjects, language), _found(split.main, subjects, language)
+        if split.relation == "before" and main.reading.has("why") and main.reading.has("waits"):
+            # "Why did you wait before you greeted t1?" asks why it was done then.
+            for each in _combined(other, quoted, subjects):
+                if each.question.kind == "did" and each.deed is not None:
+                    yield replace(each, question=replace(each.question, kind="why"))
         for each in _combined(main, quoted, subjects):
             event = _event(split, other, each.question, subjects)
             if event is not None:
@@ -343,6 +353,17 @@ def _candidates(
                 asked = replace(each.question, event=event, is_open=whole.question.is_open)
                 yield replace(each, question=asked, left_over=left)
     yield Candidate(whole.question, whole, None, 0)
+
+
+def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
+    """Yield the readings about people for whom only one deed was done: ``Who got help but no greeting?``."""
+    other = _subordinate(_found(parts.contrast, subjects, language), subjects)
+    if not other.topics or other.person is not None or other.things:
+        return
+    for each in _combined(_found(parts.main, subjects, language), quoted, subjects):
+        is_same = each.deed is None or each.deed.topic.name == other.topics[0].name
+        if each.question.kind == "who" and not is_same:
+            yield replace(each, question=replace(each.question, contrast=other))
 
 
 def _reported(parts: Parts, subjects: Subjects, language: Language) -> Iterator[Candidate]:
@@ -516,9 +537,11 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     if says and not are_tellers:
         person = None if question.person is not None and question.person.me else question.person  # "can I help you"
         left = [place for place in found.reading.free() if place not in places]
+        has_order = places & {*found.reading.places("ordinals"), *found.reading.places("first")}
         question = replace(
-            question, says=says, person=person, unknown=tuple(found.reading.words[place] for place in left)
-        )
+            question, says=says, person=person, unknown=tuple(found.reading.words[place] for place in left),
+            ordinal=None if has_order else question.ordinal,  # "the library is on the second floor"
+        )  # fmt: skip
         for kind in (one for one in _OF_SAYING if one in asked):
             yield Candidate(replace(question, kind=kind), found, None, 0)
 

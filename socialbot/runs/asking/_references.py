@@ -171,7 +171,7 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
 
 
 _FROM = {"between", "from", "zwischen", "von", "entre", "de", "desde"}
-_UNTIL = {"before", "until", "till", "bis", "avant", "hasta"}
+_UNTIL = {"before", "until", "till", "by", "bis", "avant", "hasta"}
 _TO = {"and", "to", "until", "till", "und", "bis", "et", "a", "y", "hasta"}
 _ALIKE_ORDINAL = 0.79
 _WHOLE = 0.999

@@ -142,7 +142,8 @@ class Scope:
         if event.heard is not None:
             heard = [each for each in self.subjects.heard if each.stamp <= self.now]
             heard = [each for each in heard if not scope.persons or each.detail.get("person") in scope.persons]
-            fitting = [each for each in heard if set(event.heard) <= set(tokens(each.what))]
+            wanted = {stem(word) for word in event.heard}
+            fitting = [each for each in heard if wanted <= {stem(word) for word in tokens(each.what)}]
             return self.history.seconds(fitting[0 if event.relation == "before" else -1].stamp) if fitting else None
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]

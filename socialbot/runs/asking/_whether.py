@@ -157,6 +157,9 @@ class Whether(Scope):
         if not joined or self.deeds_at_all:
             return []
         others = [name for name in things if name not in joined]
+        if question.agent and all(name in self.subjects.agents for name in joined):
+            kept = {name: things[name] for name in others}  # "Did carrier a and carrier b leave?"
+            return [replace(question, agent=name, things=kept) for name in (question.agent, *joined)]
         kinds = {kind_of_name(name) for name in joined}
         first = [name for name in others if kind_of_name(name) in kinds] or others[:1]
         kept = {name: things[name] for name in others if name not in first}

@@ -326,3 +326,44 @@ def test_leaving_is_a_deed_of_agents_that_are_alone(ferry, question, things):
 
 def test_a_pronoun_in_an_event_is_the_agent_of_the_question(kitchen):
     assert calls(answer(kitchen, "What did the cook do after it stirred the soup?")) == ["peel(cook_a, carrot_2)"]
+
+
+def test_visits_in_a_span_of_time_are_those_of_that_time(visits):
+    assert answer(visits, "Who was here between 19 and 27 s?").text == "Person t2 was here from 20 to 24.9 s."
+    assert (
+        answer(visits, "Is it right that nobody came between 26 and 29 s?").text == "From 26 to 29 s nobody was here."
+    )
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["Who did you greet but not help?", "Who got a greeting but no help?", "Wen hast du begrüßt, aber nicht geholfen?"],
+)
+def test_people_for_whom_only_one_deed_was_done_are_told(visits, question):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert {(one.kind, one.persons) for one in claims if one.kind in ("did", "did_not")} == {
+        ("did", ("t2",)),
+        ("did_not", ("t2",)),
+    }
+
+
+def test_nobody_got_help_without_a_greeting(visits):
+    assert not answer(visits, "Who got help but no greeting?").known
+
+
+@pytest.mark.parametrize(
+    "question", ["Why did you wait before you greeted t2?", "Why did you hesitate to help t1 until 10 s?"]
+)
+def test_why_the_robot_waited_is_why_it_acted_then(visits, question):
+    claims = [clause.claim for clause in answer(visits, question).clauses]
+    assert (claims[0].kind, claims[0].at_s) in {("did", 20.2), ("did", 10.2)}
+
+
+def test_several_agents_are_told_each(kitchen):
+    found = answer(kitchen, "Did the cook peel and did waiter b serve carrot 1?")
+    assert not found.text.startswith("Yes")
+
+
+def test_deeds_by_a_time_are_counted_up_to_it(kitchen):
+    claims = [clause.claim for clause in answer(kitchen, "How many carrots had the cook peeled by 9 s?").clauses]
+    assert (claims[0].kind, claims[0].value, claims[0].until_s) == ("count", 2.0, 9.0)
