@@ -43,6 +43,9 @@ def heard(scope: Scope) -> Told | None:
     if scope.question.reported:
         found = [each for each in found if _is_reported(scope, each)]
     elif scope.question.says:
+        content = set(scope.question.says) - LANGUAGES[scope.question.language].known_words
+        if not {stem(word) for word in content} <= scope.subjects.heard_stems:
+            return None  # "Did t1 ask you for money?": nobody said that word
         found = fitting_words(found, scope.question.says)
     if scope.question.at_s is not None:
         found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)

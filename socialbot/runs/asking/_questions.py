@@ -582,6 +582,8 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     "Did you frisk Bob?" is about no other deed to Bob; the verb of a light one, such as *get*, does not count.
     """
     words, verb = found.reading.words, found.verb
+    if found.reading.has("where") and deed.is_synonym and all(words[n - 1] in _ARTICLES for n in deed.places):
+        return True  # "Where is the vacuum?"
     if verb is None or (verb in found.reading.places("do") and "thing" in deed.evidence):
         return False  # "Did you do the kitchen?"
     if verb in deed.places:

@@ -85,7 +85,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     phrases, units, words = reading.language.phrases, reading.language.units, reading.words
     for n in range(len(words)):
         found = number_at(words, n) or ordinal_at(words, n, units) or fraction_at(words, n, units)
-        if found is None:
+        if found is None or (reading.language.code == "en" and words[n] == "once"):  # 11 in Spanish
             continue
         value, used = found
         before, after = words[n - 1] if n else "", words[n + used] if n + used < len(words) else ""

@@ -367,3 +367,18 @@ def test_several_agents_are_told_each(kitchen):
 def test_deeds_by_a_time_are_counted_up_to_it(kitchen):
     claims = [clause.claim for clause in answer(kitchen, "How many carrots had the cook peeled by 9 s?").clauses]
     assert (claims[0].kind, claims[0].value, claims[0].until_s) == ("count", 2.0, 9.0)
+
+
+@pytest.mark.parametrize("question", ["Did t1 and t2 come at once?", "Did you greet two people at once?"])
+def test_at_once_is_no_time(visits, question):
+    assert all(clause.claim.kind != "saw" for clause in answer(visits, question).clauses)
+
+
+@pytest.mark.parametrize("question", ["Did t1 ask you for a ticket?", "Did t1 say that the soup is cold?"])
+def test_what_nobody_said_is_no_answer(talk, question):
+    assert not answer(talk, question).known
+
+
+@pytest.mark.parametrize("question", ["Should you have helped t2?", "Ought you to have greeted t3?"])
+def test_what_the_robot_should_have_done_is_unknown(visits, question):
+    assert not answer(visits, question).known

@@ -190,7 +190,8 @@ ENGLISH = Language(
             "most of,everything,exclusively"
         ),
         "hypothetical": (
-            "what if,would have,would you have,would happen,would have happened,would you do if,should have,could have"
+            "what if,would have,would you have,should you,ought you,could you have,"
+            "would happen,would have happened,would you do if,should have,could have"
         ),
         "qualified": (
             "because,in order to,so that,together,at the same time,simultaneously,sooner,earlier,later,than,"
