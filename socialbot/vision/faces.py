@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
+from socialbot.vision.distance import Estimate
 from socialbot.vision.network import OnnxModel, View, included_model
 from socialbot.vision.tracking import Track
 
@@ -107,16 +108,27 @@ def _turn(points: np.ndarray) -> float:
 
 
 _PAUSE_S = 0.15  # Least time between two searches for the same face.
-_LEAST_HEAD, _CLEAR_HEAD = 20.0, 28.0  # Heads are searched for faces, and can be said to have none, from here: pixels.
+_LEAST_HEAD, _CLEAR_HEAD, _LARGE_HEAD = 20.0, 28.0, 40.0  # Heads are searched for faces from the first size on: pixels.
+# Log odds that a person faces the camera, by one search: rounded ones of people who do, and who turn their back.
+_SURE_FACE = 0.75  # Score from which a face tells much. Hair at the back of a head sometimes looks like a weaker one.
+_SURE_ODDS, _WEAK_ODDS = 3.0, 1.0
+_NONE_ODDS, _NONE_LARGE_ODDS = (
+    -1.0,
+    -2.0,
+)  # No face on a head that is clear, or large; on smaller ones it tells nothing.
+_LEAST_ODDS, _MOST_ODDS = -6.0, 5.0  # Odds stay between these, so that they follow a turn.
+_SURE_BOX = 0.5  # A head without a face tells something if the box of the person has this score.
+_FACES_ODDS, _BACK_ODDS = 1.0, -5.0  # From the first odds on a person faces the camera, until the second one not.
 _SMOOTHING = 0.5  # Weight of a new turn.
 _KEPT_S = 1.0  # A face counts for this long.
 _CERTAIN_FACES, _PERSON_S = 3, 30.0  # So many faces show a person, for this long,
 _LIVE, _LIVE_PX = 0.015, 0.25  # if their middles spread by this share of their width. Printed faces stay in place.
 _MOST_FACES = 12
-_AWAY_RAD, _MISSES, _MISSED_S = 2.5, 5, 0.8  # Without a face for so long, a person who stands is turned away.
+_AWAY_RAD = 2.5  # Assumed direction of a person who stands and turns their back.
 
 _WALK_S, _LEAST_WALK_S, _LEAST_POINTS = 1.2, 0.6, 5  # Duration of a walk that shows its direction.
 _WALKING_MPS = 0.5
+_LEAVES_RAD, _LEAVES_SIGMA = 1.75, 2.0  # Nobody shows a face who walks away by this angle, and so many standard errors.
 
 
 @dataclass
@@ -128,25 +140,23 @@ class Attention:
     looked: int | None = None
     found: int | None = None
     faces: int = 0
-    first_miss: int = 0
-    misses: int = 0
+    odds: float = 0.0
     _places: deque[tuple[int, float, float]] = field(default_factory=deque)
+    _errors: deque[float] = field(default_factory=deque)
     _faces: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=_MOST_FACES))
 
-    def see(self, stamp: int, face: Face | None, *, clear: bool) -> None:
-        """Record a search; ``clear`` heads are large enough to show a face."""
+    def see(self, stamp: int, face: Face | None, *, head_px: float) -> None:
+        """Record a search on a head of this height; 0 if the box of the person is not certain."""
         self.looked, self.face = stamp, face
+        self.odds = min(max(self.odds + _odds(face, head_px), _LEAST_ODDS), _MOST_ODDS)
         if face is not None:
             recent = self.found is not None and stamp - self.found <= _KEPT_S * SECOND
             share = _SMOOTHING if recent else 1.0
             self.turn_rad += share * (face.turn_rad - self.turn_rad)
-            self.found, self.misses = stamp, 0
+            self.found = stamp
             self.faces += 1
             x, y, w, h = face.box
             self._faces.append((x + w / 2, y + h / 2, w))
-        elif clear:
-            self.first_miss = self.first_miss if self.misses else stamp
-            self.misses += 1
 
     def is_person(self, stamp: int) -> bool:
         """Whether faces have shown that this is a person, and not the picture of one."""
@@ -156,23 +166,40 @@ class Attention:
         spread = max(float(across.std()), float(down.std()))
         return spread >= max(_LIVE * float(np.median(width)), _LIVE_PX)
 
-    def walk(self, stamp: int, distance_m: float, bearing_rad: float) -> None:
+    def walk(self, stamp: int, distance: Estimate, bearing_rad: float) -> None:
         """Record the place of the person, relative to the camera."""
-        self._places.append((stamp, distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)))
+        ahead, aside = distance.value * math.cos(bearing_rad), distance.value * math.sin(bearing_rad)
+        self._places.append((stamp, ahead, aside))
+        self._errors.append(distance.std)
         while stamp - self._places[0][0] > _WALK_S * SECOND:
             self._places.popleft()
+            self._errors.popleft()
 
     def facing_rad(self, stamp: int) -> float | None:
         """Angle between the direction that the person faces and the direction to the camera, 0 to pi."""
-        if self.found is not None and stamp - self.found <= _KEPT_S * SECOND:
+        course = self._course()
+        if course is not None and course >= _LEAVES_RAD and self._leaves():
+            return course
+        if self.found is not None and stamp - self.found <= _KEPT_S * SECOND and self.odds >= _FACES_ODDS:
             return abs(self.turn_rad)
+        if course is not None:
+            return course
+        return _AWAY_RAD if self.odds <= _BACK_ODDS else None
+
+    def _course(self) -> float | None:
+        """Angle between the walking direction and the direction to the camera; None of people who do not walk."""
         velocity = self.velocity()
-        if velocity is not None and math.hypot(*velocity) >= _WALKING_MPS:
-            _, x, y = self._places[-1]
-            toward = -(velocity[0] * x + velocity[1] * y) / (math.hypot(*velocity) * max(math.hypot(x, y), 1e-6))
-            return math.acos(min(max(toward, -1.0), 1.0))
-        missed = self.misses >= _MISSES and stamp - self.first_miss >= _MISSED_S * SECOND
-        return _AWAY_RAD if missed else None
+        if velocity is None or math.hypot(*velocity) < _WALKING_MPS:
+            return None
+        _, x, y = self._places[-1]
+        toward = -(velocity[0] * x + velocity[1] * y) / (math.hypot(*velocity) * max(math.hypot(x, y), 1e-6))
+        return math.acos(min(max(toward, -1.0), 1.0))
+
+    def _leaves(self) -> bool:
+        """Whether the distance has grown by more than its errors explain."""
+        (_, x0, y0), (_, x1, y1) = self._places[0], self._places[-1]
+        grown = math.hypot(x1, y1) - math.hypot(x0, y0)
+        return grown >= _LEAVES_SIGMA * math.hypot(self._errors[0], self._errors[-1])
 
     def approach_mps(self) -> float | None:
         """Speed towards the camera."""
@@ -190,6 +217,13 @@ class Attention:
         times = (rows[:, 0] - rows[-1, 0]) / SECOND
         times -= times.mean()
         return tuple((times @ rows[:, 1:] / (times @ times)).tolist())
+
+
+def _odds(face: Face | None, head_px: float) -> float:
+    """Log odds that a person faces the camera by one search of the head."""
+    if face is None:
+        return 0.0 if head_px < _CLEAR_HEAD else _NONE_ODDS if head_px < _LARGE_HEAD else _NONE_LARGE_ODDS
+    return _SURE_ODDS if face.score >= _SURE_FACE else _WEAK_ODDS
 
 
 class FaceFinder:
@@ -218,5 +252,5 @@ class FaceFinder:
             return None
         _, name, track = min(waiting, key=lambda each: each[:2])
         face = self._detector.find(image, track.box)
-        known[name].see(stamp, face, clear=_HEAD_SHARE * float(track.box[3]) >= _CLEAR_HEAD and track.score >= 0.5)
+        known[name].see(stamp, face, head_px=_HEAD_SHARE * float(track.box[3]) if track.score >= _SURE_BOX else 0.0)
         return face

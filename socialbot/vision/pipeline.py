@@ -347,7 +347,7 @@ class PersonPipeline:
         attention = self._known[track.id].attention if track.id else Attention()
         if track.id and distance is not None and not track.unseen_s:
             direction = bearing + (camera.yaw_rad or 0.0)
-            attention.walk(stamp_ns, distance.value, direction)
+            attention.walk(stamp_ns, distance, direction)
             if self.tracker is not None:
                 point = FloorPoint.at(distance, direction)
                 self.tracker.place(track.id, LastSeen(stamp_ns, point, attention.velocity() or (0.0, 0.0)))

@@ -11,6 +11,7 @@ import pytest
 from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CompressedImage
+from socialbot.vision.distance import Estimate
 from socialbot.vision.faces import SHA256, Attention, Face, FaceDetector, FaceFinder
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import Person, load_truth
@@ -93,12 +94,16 @@ def test_the_notice_names_the_weights():
     assert len(included_model("blazeface.onnx", SHA256)) < 300_000
 
 
-def looked(*faces: Face | None, step_s: float = 0.2, clear: bool = True) -> tuple[Attention, int]:
-    """Attention after one search every ``step_s``, and the time of the last."""
+CLEAR, LARGE = 30.0, 60.0
+WEAK = Face((10.0, 10.0, 30.0, 30.0), 0.7, 0.1)
+
+
+def looked(*faces: Face | None, head_px: float = CLEAR) -> tuple[Attention, int]:
+    """Attention after five searches a second, and the time of the last."""
     attention, stamp = Attention(), 0
     for number, face in enumerate(faces):
-        stamp = round(number * step_s * SECOND)
-        attention.see(stamp, face, clear=clear)
+        stamp = round(number * 0.2 * SECOND)
+        attention.see(stamp, face, head_px=head_px)
     return attention, stamp
 
 
@@ -113,7 +118,7 @@ def test_some_faces_show_a_person_for_a_while():
     attention = Attention()
     for number in range(3):
         assert not attention.is_person(number * SECOND)
-        attention.see(number * SECOND, Face((10.0, 10.0 + number, 30.0, 30.0), 0.9, 0.1), clear=True)
+        attention.see(number * SECOND, Face((10.0, 10.0 + number, 30.0, 30.0), 0.9, 0.1), head_px=CLEAR)
     assert attention.is_person(20 * SECOND)
     assert not attention.is_person(60 * SECOND)
 
@@ -121,7 +126,7 @@ def test_some_faces_show_a_person_for_a_while():
 def test_printed_face_that_stays_where_it_is_shows_nobody():
     attention = Attention()
     for number in range(20):
-        attention.see(number * SECOND, Face((10.0 + 0.4 * (number % 2), 10.0, 30.0, 30.0), 0.9, 0.1), clear=True)
+        attention.see(number * SECOND, Face((10.0 + 0.4 * (number % 2), 10.0, 30.0, 30.0), 0.9, 0.1), head_px=CLEAR)
     assert not attention.is_person(20 * SECOND)
 
 
@@ -130,20 +135,45 @@ def test_turns_are_smoothed_with_their_signs():
     assert attention.facing_rad(stamp) == pytest.approx(0.0)
 
 
-def test_a_clear_head_without_a_face_for_long_is_turned_away():
-    attention, stamp = looked(*[None] * 5)
+@pytest.mark.parametrize(("head_px", "count"), [(CLEAR, 5), (LARGE, 3)])
+def test_a_head_without_a_face_for_long_is_turned_away(head_px: float, count: int):
+    attention, stamp = looked(*[None] * count, head_px=head_px)
     assert attention.facing_rad(stamp) == pytest.approx(2.5)
-    assert looked(*[None] * 4)[0].facing_rad(stamp) is None
-    assert looked(*[None] * 9, step_s=0.05)[0].facing_rad(round(0.4 * SECOND)) is None
-    assert looked(*[None] * 9, clear=False)[0].facing_rad(stamp) is None
+    attention, stamp = looked(*[None] * (count - 1), head_px=head_px)
+    assert attention.facing_rad(stamp) is None
 
 
-def walked(start: tuple[float, float], speed: tuple[float, float], seconds: float = 1.2) -> tuple[Attention, int]:
+@pytest.mark.parametrize("head_px", [0.0, 24.0])
+def test_a_small_head_without_a_face_tells_nothing(head_px: float):
+    attention, stamp = looked(*[None] * 20, head_px=head_px)
+    assert attention.facing_rad(stamp) is None
+
+
+def test_hair_that_looks_like_a_face_now_and_then_is_the_back_of_a_head():
+    attention, stamp = looked(*[None] * 6, head_px=LARGE)
+    for number in range(30):
+        stamp += SECOND // 5
+        attention.see(stamp, (None, None, WEAK, None, WEAK)[number % 5], head_px=LARGE)
+        assert attention.facing_rad(stamp) == pytest.approx(2.5), number
+    attention.see(stamp, FRONT, head_px=LARGE)
+    assert attention.facing_rad(stamp) is None
+
+
+def test_a_person_who_turns_round_faces_the_camera_within_a_second():
+    attention, stamp = looked(*[None] * 20, *[FRONT] * 4)
+    assert attention.facing_rad(stamp) == pytest.approx(0.1)
+    attention, stamp = looked(*[FRONT] * 20, *[None] * 5)
+    assert attention.facing_rad(stamp) is None
+
+
+def walked(
+    start: tuple[float, float], speed: tuple[float, float], seconds: float = 1.2, std_m: float = 0.1
+) -> tuple[Attention, int]:
     attention, stamp = Attention(), 0
     for number in range(round(seconds * 10) + 1):
         stamp = round(number * 0.1 * SECOND)
         x, y = (place + each * number * 0.1 for place, each in zip(start, speed, strict=True))
-        attention.walk(stamp, math.hypot(x, y), math.atan2(y, x))
+        attention.walk(stamp, Estimate(math.hypot(x, y), std_m), math.atan2(y, x))
     return attention, stamp
 
 
@@ -159,6 +189,13 @@ def test_people_face_where_they_walk(speed, facing, approach):
     else:
         assert there == pytest.approx(facing, abs=0.05)
         assert attention.approach_mps() == pytest.approx(approach, abs=0.05)
+
+
+@pytest.mark.parametrize(("speed", "std_m", "facing"), [(1.0, 0.1, math.pi), (1.0, 1.0, 0.1), (-1.0, 0.1, 0.1)])
+def test_a_face_of_a_person_who_certainly_walks_away_is_none(speed: float, std_m: float, facing: float):
+    attention, stamp = walked((3.0, 0.0), (speed, 0.0), std_m=std_m)
+    attention.see(stamp, FRONT, head_px=LARGE)
+    assert attention.facing_rad(stamp) == pytest.approx(facing, abs=0.05)
 
 
 def test_who_stands_or_was_seen_shortly_has_no_walking_direction():

@@ -148,6 +148,16 @@ def place_of(person: PersonDetection) -> tuple[float, float] | None:
     return person.distance_m * math.cos(person.bearing_rad), person.distance_m * math.sin(person.bearing_rad)
 
 
+def telling(looks: Sequence[PersonDetection]) -> Sequence[PersonDetection]:
+    """Return the looks at a person that tell about attention.
+
+    Looks of unknown direction do not, once the person is known to be turned away.
+    """
+    if not _is_turned_away(looks[-1]):
+        return looks
+    return [look for look in looks if look.facing_rad is not None]
+
+
 def attention(
     person: PersonDetection, path: Path | None, within_m: float, *, faces: bool, before: bool = False
 ) -> tuple[bool, str]:

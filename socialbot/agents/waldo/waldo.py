@@ -23,6 +23,7 @@ from socialbot.agents.waldo.encounters import (
     place_of,
     slower,
     strides_of,
+    telling,
     view_of,
 )
 
@@ -197,7 +198,8 @@ class PersonSensor(Sensor):
         self._engaged: set[str] = set()
         self._coming: set[str] = set()
         self._in_view: dict[str, int] = {}  # time (ns) from which each of them has been in view without a gap
-        self._sees_faces = False  # whether any face has been seen, so that a face may be waited for
+        # Whether faces are detected, so that one may be waited for; None until the first person shows it.
+        self._sees_faces: bool | None = None
         self._conversations = Conversations()
         self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
         self._bearings: dict[str, float | None] = {}  # where each of them was last, from the robot's base,
@@ -347,7 +349,7 @@ class PersonSensor(Sensor):
             yield ((+converses(person)) if begins else (-converses(person))).because(why)
 
     def _attend(self) -> Iterator[Event]:
-        frames, faces = self._recent(max(self._config.appear_s, PATH_S)), self._sees_faces
+        frames, faces = self._recent(max(self._config.appear_s, PATH_S)), self._sees_faces is not False
         now = self._frames[-1].stamp
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
@@ -359,6 +361,9 @@ class PersonSensor(Sensor):
             hidden = placed and not engaged and person not in frames[-1].near
             if hidden or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
+            if self._sees_faces is None and placed and not is_new:
+                faces = self._sees_faces = False
+            looks = telling(looks)
             judged = [attention(look, path, self._config.engage_m, faces=faces, before=engaged) for look in looks]
             share = fmean(attentive for attentive, _ in judged)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
@@ -392,7 +397,8 @@ class PersonSensor(Sensor):
         persons = [in_base(person, percept.camera_yaw_rad) for person in percept.known]
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
-        self._sees_faces = self._sees_faces or any(person.facing_rad is not None for person in persons)
+        if any(person.facing_rad is not None for person in persons):
+            self._sees_faces = True
         by_id = {p.track_id or SOMEBODY: p for p in near}
         self._frames.append(Frame(percept.stamp, by_id, len(near), view_of(percept)))
         self._bearings |= {p.track_id or SOMEBODY: p.bearing_rad for p in near}

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from socialbot.agents.waldo.encounters import Path, View, attention, is_undecided, slower
+from socialbot.agents.waldo.encounters import Path, View, attention, is_undecided, slower, telling
 from socialbot.core.messages import PersonDetection
 
 COMES = Path(seconds=1.0, speed_mps=1.2, approach_mps=1.2, passes_m=0.2)
@@ -97,3 +97,10 @@ def test_the_edge_of_a_view_is_not_in_it():
     view = View(math.pi - 0.1, 0.5)
     assert [view.shows(view.yaw_rad + angle) for angle in (-0.4, -0.3, 0.3, 0.4)] == [False, True, True, False]
     assert view.shows(-math.pi + 0.1)
+
+
+def test_looks_of_unknown_direction_do_not_count_against_a_back():
+    unknown, back, front = person(), person(facing_rad=AWAY), person(facing_rad=TOWARDS)
+    assert telling([unknown, unknown, back]) == [back]
+    assert telling([unknown, back, front]) == [unknown, back, front]
+    assert telling([front, unknown]) == [front, unknown]

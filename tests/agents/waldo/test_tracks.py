@@ -365,3 +365,12 @@ def test_sensor_memory_is_bounded():
         sensed(sensor, tenth, f"t{tenth // 10}")
     assert len(sensor._changed) < 20
     assert len(sensor._strides) < 20
+
+
+@pytest.mark.parametrize(("unknown", "greets"), [(8, False), (14, True)], ids=["turned away", "faces are not detected"])
+def test_the_first_person_is_waited_for_until_a_face_could_have_been_found(unknown, greets):
+    corridor = Corridor()
+    corridor.see(times=10)
+    corridor.see(at("t1", 2.5, 0.2), times=unknown)
+    corridor.see(at("t1", 2.5, 0.2, 2.5 if unknown < 10 else None), times=30)
+    assert (GREETING in corridor.said) == greets

@@ -223,3 +223,42 @@ def test_a_bag_of_the_demo_replays_to_the_same_decisions(tmp_path: Path):
     assert replayed.returncode == 0, replayed.stderr
     assert results["decisions"]["exact"], replayed.stdout
     assert results["decisions"]["recorded"] > 3
+
+
+AWAY = """
+place: corridor
+people:
+  - id: ann
+    enter: behind
+    legs:
+      - {walk: [0.6, -0.6], speed: 1.0, aim: pass}
+      - {walk: [3.0, -0.4], speed: 1.0, aim: pass}
+      - {walk: end, aim: pass}
+"""
+COMES = """
+place: corridor
+people:
+  - id: ann
+    enter: left
+    legs:
+      - {walk: [4.0, 0.0], speed: 1.4}
+      - {walk: [1.9, 0.0], face: robot, aim: visit}
+      - {stand: 5, face: robot, aim: visit}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("script", "seconds", "greets"), [(AWAY, 9.0, False), (COMES, 11.0, True)], ids=["walks away", "comes"]
+)
+def test_people_who_walk_away_are_not_greeted(script: str, seconds: float, greets: bool, tmp_path: Path):
+    file = tmp_path / "script.yaml"
+    file.write_text(script)
+    graph = simulation("corridor", script=file, seed=5, duration_s=seconds, noise=2.0, blur_px=0.5)
+    runner = InlineRunner(graph, start=SECOND)
+    said: list[str] = []
+    runner.tap("/speech/say", lambda _, message: said.append(message.key))  # type: ignore[attr-defined]
+    runner.start()
+    runner.advance(SECOND + round(seconds * SECOND))
+    runner.close()
+    assert ("greeting" in said) == greets
