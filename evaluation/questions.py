@@ -29,6 +29,8 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
+SEALED = tuple(f"new_wordings_{number}" for number in range(20, 24))
+"""Lists by which nothing has been changed yet."""
 NEAR_S = 0.15
 ANSWERED = "(answered) "
 """Begin of a miss that was not refused with "I don't know", but answered about another record."""
@@ -61,7 +63,7 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "intends":
         return any(claim.kind == ("nothing_wanted" if rest == "nothing" else "wanted") for claim in claims)
     if kind == "plan":
-        desire, step = rest.split()
+        desire, _, step = rest.rpartition(" ")
         return any(
             claim.kind == "planned" and claim.what[1] == desire and claim.value == float(step) for claim in claims
         )

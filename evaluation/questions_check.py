@@ -19,7 +19,7 @@ ROUNDING = 0.051
 GAP_S = 3.0
 NEGATION = re.compile(
     r"\b(not|never|nobody|nothing|no|only|nicht|nie|keine?|niemand\w*|nichts|erst|pas|jamais|personne n|aucune?|rien"
-    r"|que depuis|ni|nadie|ne|ninguna?|nunca|aún no|solo)\b|n't\b|\bn'",
+    r"|que depuis|ni|nadie|nada|ne|ninguna?|nunca|aún no|solo)\b|n't\b|\bn'",
     re.IGNORECASE,
 )
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w]|\.\d)")

@@ -20,7 +20,7 @@ import typer
 from ruamel.yaml import YAML
 
 import socialbot.runs.asking._ranking as ranking
-from evaluation.questions import QUESTIONS, reaches
+from evaluation.questions import QUESTIONS, SEALED, reaches
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking._answers import answered, facts_of
@@ -28,7 +28,7 @@ from socialbot.runs.asking._questions import candidates
 from socialbot.runs.folder import open_run
 
 WEIGHTS = Path(ranking.__file__).with_name("reading.json")
-UNSEEN = ("new_wordings_16", "new_wordings_17", "new_wordings_18", "new_wordings_19")
+UNSEEN = ("new_wordings_16", "new_wordings_17", "new_wordings_18", "new_wordings_19", *SEALED)
 """Lists that the weights are not learned from."""
 STEPS, RATE, DECAY = 250, 0.1, 0.9
 PENALTY = 2.0

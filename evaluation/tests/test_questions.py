@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from ruamel.yaml import YAML
 
-from evaluation.questions import QUESTIONS, REACHED, asked
+from evaluation.questions import QUESTIONS, REACHED, SEALED, asked
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking import answer
@@ -128,7 +128,7 @@ def test_answers_reach_the_right_records(tmp_path):
     number = reached = 0
     misses: list[str] = []
     for name in ("visits", "guard", "hospital", "warehouse", "cleaner", "reception"):
-        questions = [line for by_run in parts.values() for line in by_run.get(name, [])]
+        questions = [line for part, by_run in parts.items() if part not in SEALED for line in by_run.get(name, [])]
         right, wrong, unsupported, _ = asked(*recorded(name, tmp_path / name), questions, None)
         assert unsupported == []
         number, reached, misses = number + len(questions), reached + right, misses + wrong
