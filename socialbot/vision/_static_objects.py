@@ -6,7 +6,8 @@ An object is hidden only if it was known before anybody came, or never looked li
 * A box without any motion shows an object after a while. The time depends on its score, on its size and on whether
   anybody has moved in the view before. A box with a certain score, or one that moved, is a person.
 
-Motion is measured in pixels, against the noise of the image (`_Motion`). Standing people sway by more than that. Pixels
+Motion is measured in pixels, against the noise of the image (`_Motion`). Standing people sway by more than that, unless
+they are small in the image: then the lack of motion tells little, and the score must tell more. Pixels
 that do not change at all, as in a paused or strongly compressed video, say nothing. While the camera turns, no track
 changes its class.
 
@@ -48,7 +49,8 @@ _FROZEN_SHARE = 0.5
 _TURNED_PX = 0.8  # The camera moves when the background does.
 
 # Scores as multiples of the score that is certain.
-_ALONE_S, _ALONE_SCORE = 0.5, 1.0  # Still since the first image, before anybody moved: objects below this score.
+_ALONE_S, _ALONE_SCORE = 0.5, 1.0  # Still since the first image, before anybody moved: objects below this score,
+_ALONE_VAGUE_SCORE = 0.8  # or below this one, if the sway of a person of this height would not be visible.
 _STILL_S, _STILL_SCORE = 8.0, 0.9  # Still for so long: objects below this score,
 _CLEARLY_STILL_S = 3.0  # or for so long, if the sway of a person of this height would be visible; for twice as long,
 # objects below the score of those alone.
@@ -301,10 +303,12 @@ class StaticObjectFilter:
             if familiar >= least and min(track.score, history.score) < _FAMILIAR_SCORE * self._certain:
                 return True
         self._company |= is_moving
-        if history.first and not history.moved and not self._company and history.score < _ALONE_SCORE * self._certain:
+        clear = motion is not None and motion.still < _SWAY * box[3]
+        alone = history.first and not history.moved and not self._company
+        least = _ALONE_SCORE if clear or was_object else _ALONE_VAGUE_SCORE
+        if alone and history.score < least * self._certain:
             is_object = was_object or history.still_s >= _ALONE_S
         else:
-            clear = motion is not None and motion.still < _SWAY * box[3]
             likely = history.score >= _STILL_SCORE * self._certain
             if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
                 return False

@@ -175,6 +175,16 @@ def test_small_object_beside_moving_people_is_removed_later():
     assert seen[90:] == [{"walker"}] * 10
 
 
+@pytest.mark.parametrize(("score", "height", "kept"), [(0.7, 60.0, True), (0.7, 240.0, False), (0.55, 60.0, False)])
+def test_person_whose_sway_would_not_be_visible_is_kept_from_the_first_image_on(score, height, kept):
+    camera = Camera()
+    camera.score = score
+    far = (320.0, 420.0 - height, height / 3, height)
+    shape = patterned(3, round(height / 3), round(height))
+    seen = camera.repeat(30, sitting=(shape, far))
+    assert seen == ({"sitting"} if kept else set())
+
+
 def test_time_that_the_camera_is_off_counts_if_nothing_has_changed():
     camera = Camera()
     for step in range(8):
