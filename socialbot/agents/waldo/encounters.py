@@ -136,7 +136,7 @@ def slower(path: Path | None, longer: Path | None) -> Path | None:
 
 def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:
     """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
-    if person.facing_rad is not None or place_of(person) is None:
+    if _is_facing_known(person) or place_of(person) is None:
         return False
     return path is None or (faces and (path.speed_mps < _WALKS_MPS or path.seconds < _SURE_S))
 

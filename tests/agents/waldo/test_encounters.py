@@ -84,6 +84,7 @@ def test_without_detection_of_faces_a_person_may_stand_far_away():
 def test_more_frames_are_needed_until_a_path_or_a_face_is_known(path, with_faces, without):
     assert is_undecided(person(), path, faces=True) == with_faces
     assert is_undecided(person(), path, faces=False) == without
+    assert is_undecided(person(facing_rad=UNCLEAR), path, faces=True) == with_faces, "a person who passes shows a side"
     assert not is_undecided(person(facing_rad=TOWARDS), path, faces=True)
     assert not is_undecided(person(None), path, faces=True)
 
