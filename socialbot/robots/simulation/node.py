@@ -175,8 +175,8 @@ class SimulatedPlace(Node):
     pictures = Parameter(True, "whether images are drawn; without them, only the truth is published", fixed=True)
     shadows = Parameter(False, "whether a lamp casts shadows, at half the speed", fixed=True)
     quality = Parameter(85, "JPEG quality", minimum=10, maximum=100, fixed=True)
-    noise = Parameter(0.0, "noise of the camera at mid-grey, grey levels", minimum=0.0, maximum=50.0, fixed=True)
-    blur_px = Parameter(0.0, "blur of the lens, standard deviation, px", minimum=0.0, maximum=20.0, fixed=True)
+    noise = Parameter(2.0, "noise of the camera at mid-grey, grey levels", minimum=0.0, maximum=50.0, fixed=True)
+    blur_px = Parameter(0.5, "blur of the lens, standard deviation, px", minimum=0.0, maximum=20.0, fixed=True)
     head = Parameter(
         "commanded",
         "what moves the head: commands, nothing, or a sweep",

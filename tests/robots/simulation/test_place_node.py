@@ -254,7 +254,7 @@ people:
 def test_people_who_walk_away_are_not_greeted(script: str, seconds: float, greets: bool, tmp_path: Path):
     file = tmp_path / "script.yaml"
     file.write_text(script)
-    graph = simulation("corridor", script=file, seed=5, duration_s=seconds, noise=2.0, blur_px=0.5)
+    graph = simulation("corridor", script=file, seed=5, duration_s=seconds)
     runner = InlineRunner(graph, start=SECOND)
     said: list[str] = []
     runner.tap("/speech/say", lambda _, message: said.append(message.key))  # type: ignore[attr-defined]
