@@ -144,7 +144,7 @@ def test_the_network_of_the_robot_may_start_later(folder: Path, missing: str) ->
             hosts.robot.run("ip", *(word.format("delete") for word in address))
         with half(hosts.workstation, folder), half(hosts.robot, folder, "--machine", "robot"):
             log = folder / f"{hosts.robot.name}.log"
-            assert eventually(lambda: "is down on this machine" in log.read_text(), 20), logs(folder)
+            assert eventually(lambda: "is down on this machine" in log.read_text(), LIMIT_S), logs(folder)
             sleep(5.0)
             assert records(folder, WORKSTATION, "detection") == []
             if missing == "cable":
@@ -165,7 +165,7 @@ def test_finds_nodes_restarted_while_the_link_was_down(folder: Path) -> None:
         [camera] = [child for child in psutil.Process(robot.pid).children(recursive=True) if child.name() == "camera"]
         camera.kill()
         log = folder / f"{hosts.robot.name}.log"
-        assert eventually(lambda: "camera is back" in log.read_text(), 20), logs(folder)
+        assert eventually(lambda: "camera is back" in log.read_text(), LIMIT_S), logs(folder)
         before = len(records(folder, WORKSTATION, "detection"))
         hosts.mend()
         assert eventually(lambda: len(records(folder, WORKSTATION, "detection")) > before + 10, 30), logs(folder)

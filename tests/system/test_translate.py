@@ -29,7 +29,7 @@ inputs: [/camera/image_raw/compressed, /head/command]
 nodes:
   camera: {type: camera, parameters: {source: PICTURES, loop: true}}
   image_converter: {type: image_converter}
-  person_detector: {type: person_detector}
+  person_detector: {type: person_detector, parameters: {mount_height_m: 1.62, pitch_rad: 0.052}}
   head: {type: head}
 """
 LIMIT_S = 120.0
