@@ -112,10 +112,8 @@ _LEAST_HEAD, _CLEAR_HEAD, _LARGE_HEAD = 20.0, 28.0, 40.0  # Heads are searched f
 # Log odds that a person faces the camera, by one search: rounded ones of people who do, and who turn their back.
 _SURE_FACE = 0.75  # Score from which a face tells much. Hair at the back of a head sometimes looks like a weaker one.
 _SURE_ODDS, _WEAK_ODDS = 3.0, 1.0
-_NONE_ODDS, _NONE_LARGE_ODDS = (
-    -1.0,
-    -2.0,
-)  # No face on a head that is clear, or large; on smaller ones it tells nothing.
+# No face on a head that is clear, or large; on smaller ones it tells nothing.
+_NONE_ODDS, _NONE_LARGE_ODDS = -1.0, -2.0
 _LEAST_ODDS, _MOST_ODDS = -6.0, 5.0  # Odds stay between these, so that they follow a turn.
 _SURE_BOX = 0.5  # A head without a face tells something if the box of the person has this score.
 _FACES_ODDS, _BACK_ODDS = 1.0, -5.0  # From the first odds on a person faces the camera, until the second one not.
