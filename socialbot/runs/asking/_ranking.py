@@ -17,6 +17,7 @@ from socialbot.runs.asking._main_verb import PARTICLES
 from socialbot.runs.asking._questions import NEAR_S, VERBS, Candidate
 from socialbot.runs.asking._sentences import Answer
 from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._words import tokens
 
 SURE = 0.5
 """Probability below which the best reading counts as not understood."""
@@ -56,7 +57,18 @@ def ranked(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subj
 def alike(answers: Sequence[Answer]) -> list[int]:
     """Return for each answer the place of the first one that tells the same; all refusals tell the same."""
     first: dict[str, int] = {}
-    return [first.setdefault(each.text if each.known else "", n) for n, each in enumerate(answers)]
+    return [first.setdefault(_told(each), n) for n, each in enumerate(answers)]
+
+
+def _told(answer: Answer) -> str:
+    """Return what an answer tells; that check("Bob") and that check with Bob was not done is the same."""
+    if not answer.known:
+        return ""
+    claim = answer.clauses[0].claim
+    if claim.kind != "did_not":
+        return answer.text
+    words = sorted(set(tokens(" ".join((*claim.what, *claim.persons)))))
+    return f"{claim.agent} {words} {claim.at_s} {claim.until_s}"
 
 
 def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Subjects) -> list[dict[str, float]]:
