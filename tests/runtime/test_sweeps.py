@@ -37,7 +37,7 @@ nodes:
 GREETS_SOON = """\
 from socialbot.testing import expect, person, said
 
-greets = expect(said("greeting")).within(1.5).after(person(nearer_than=50))
+greets = expect(said("greeting")).within(1.05).after(person(nearer_than=50))
 """
 
 
@@ -151,7 +151,7 @@ def test_finished_runs_are_not_repeated(bag, tmp_path, monkeypatch):
     more = SweepRunner(plan_of(bag, "waldo.appear_s=0.2,2,3"), tmp_path, lambda done, total: None)
     assert (len(more.run().cells), more.reused) == (3, 2)
     other = bag.with_name("other.py")
-    other.write_text(GREETS_SOON.replace("1.5", "3"))
+    other.write_text(GREETS_SOON.replace("1.05", "3"))
     changed = SweepRunner(plan_of(bag, "waldo.appear_s=0.2,2", expectations=other), tmp_path, lambda done, total: None)
     changed.run()
     assert changed.reused == 0

@@ -349,20 +349,22 @@ class PersonSensor(Sensor):
             yield ((+converses(person)) if begins else (-converses(person))).because(why)
 
     def _attend(self) -> Iterator[Event]:
-        frames, faces = self._recent(max(self._config.appear_s, PATH_S)), self._sees_faces is not False
-        now = self._frames[-1].stamp
+        frames, now = self._recent(max(self._config.appear_s, PATH_S)), self._frames[-1].stamp
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
             if not looks:
                 continue
             engaged, placed = person in self._engaged, place_of(looks[-1]) is not None
             path = slower(path_of(frames, person), path_of(self._recent(_DECIDE_S), person))
-            is_new = now - max(self._changed.get(person, 0), self._in_view.get(person, 0)) < nanoseconds(_DECIDE_S)
+            in_view = self._in_view.get(person, 0)
+            is_new = now - max(self._changed.get(person, 0), in_view) < nanoseconds(_DECIDE_S)
+            could_show = now - in_view < nanoseconds(_DECIDE_S)  # a face, for the first time
+            faces = could_show if self._sees_faces is None else self._sees_faces
             hidden = placed and not engaged and person not in frames[-1].near
             if hidden or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
-            if self._sees_faces is None and placed and not is_new:
-                faces = self._sees_faces = False
+            if placed and not faces:
+                self._sees_faces = False
             looks = telling(looks)
             judged = [attention(look, path, self._config.engage_m, faces=faces, before=engaged) for look in looks]
             share = fmean(attentive for attentive, _ in judged)
