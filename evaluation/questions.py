@@ -30,7 +30,7 @@ QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
 SEALED = tuple(f"new_wordings_{number}" for number in range(20, 24))
-"""Lists by which nothing has been changed yet."""
+"""Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 ANSWERED = "(answered) "
 """Begin of a miss that was not refused with "I don't know", but answered about another record."""

@@ -14,8 +14,8 @@ STEP_M = 0.68
 SEAT_M = 0.46
 """Height of the seats on which people sit."""
 _SWAY_RAD = 0.005, 0.003
-"""Sway of people who stand still, fore and aft and sideways (rms): 8 and 5 mm at the head. Winter, Gait & Posture 3,
-1995, has half of it for the centre of mass, at half of the height."""
+"""How far people lean while they stand still (rms), forward and sideways: 8 and 5 mm at the head. Winter (Gait and
+Posture 3, 1995) gives half of it for the centre of mass, which is half as high."""
 _SWAYS = (0.11, 1.0), (0.23, 0.8), (0.41, 0.6)
 """Frequency (Hz) and share of its parts: most of it is below 0.5 Hz."""
 _SHIFT_RAD, _SHIFT_S = 0.012, 17.0
@@ -66,7 +66,10 @@ def _turn(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> np.ndarray
 
 
 def sway(stance: Stance, phase: float = 0.0) -> tuple[float, float]:
-    """Return how far a person who stands or sits leans forward and to the left (rad); ``phase`` tells people apart."""
+    """Return how far a person leans forward and to the left (rad) while standing or sitting.
+
+    People with different ``phase`` move differently.
+    """
     time, still = stance.time_s + 61 * phase, max(0.0, 1.0 - stance.speed_mps / _SWAY_MPS)
     rms = math.sqrt(sum(share**2 for _, share in _SWAYS) / 2)
 

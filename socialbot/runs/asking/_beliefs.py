@@ -16,7 +16,7 @@ from socialbot.runs.asking._words import stem, tokens
 
 
 def believed(scope: Scope) -> Told | None:
-    """Return what was believed at the time in question. If the question asks when, return since when."""
+    """Return what was believed at the time that the question asks about, or since when, if it asks when."""
     question = scope.question
     named = {*question.things, *([question.agent] if question.agent else [])}
     held = [
@@ -42,7 +42,7 @@ def believed(scope: Scope) -> Told | None:
 def placed(scope: Scope) -> Told | None:
     """Return the last known place of a thing or agent, or where people were seen.
 
-    That of a thing is what is believed about it now, or else the last deed with it.
+    The place of a thing is the one that is believed now. Without such a belief, it is told by the last deed with it.
     """
     if scope.topic is not None or scope.persons:
         return whereabouts(scope)
