@@ -67,13 +67,13 @@ class Sender:
         if self.stream is None:
             self.publisher.publish(ros_message)
         else:
-            from socialbot.bridge.detached_seals import digest, padded
+            from socialbot.bridge.detached_seals import padded
 
             cdr = padded(ros_message if isinstance(ros_message, bytes) else _serialized(ros_message))
             with self._lock:
-                self._last = text = digest(cdr)
+                self._last, seal = self.stream.seal_detached(cdr)
                 # The seal comes first, so that receivers seldom have to keep messages.
-                self.seals.publish(self._text(self.stream.seal(text)))
+                self.seals.publish(self._text(seal))
                 self.publisher.publish(cdr)
         if self.drivers is not None:
             self.drivers.publish(ros_message)

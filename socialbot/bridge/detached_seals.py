@@ -1,13 +1,15 @@
 """Seals of messages of standard ROS types, on a topic of their own.
 
 An image, a transform or a time of ``/clock`` has no field for a signature. Its publisher sends a sealed digest of the
-serialised message on ``TOPIC/_seal`` first. Tools without keys read the message as usual. A receiver with keys passes a
-message on when it has both, and refuses it otherwise.
+serialised message on ``TOPIC/_seal`` first, or sealed tags of a large one. Tools without keys read the message as
+usual. A receiver with keys passes a message on when it has both, and refuses it otherwise.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +20,7 @@ from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, Overlap, StreamKe
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
+    from socialbot.bridge.message_tags import Tag
     from socialbot.bridge.security import Opener
 
 SEAL_SUFFIX = "/_seal"
@@ -29,6 +32,8 @@ MISSING_S = 1.0  # time after which the message of a seal is missing
 LOST_MESSAGES = 5  # successive messages after which their publisher may be lost
 LOST_MATCHED_S = 60.0  # time for which those of a matched publisher must be missing: a bad link may lose images alone
 WORD_BYTES = 4
+HEAD_BYTES = 1024
+DIGEST = re.compile("[0-9a-f]{64}")
 
 
 def seal_topic(topic: str) -> str:
@@ -39,6 +44,11 @@ def seal_topic(topic: str) -> str:
 def digest(cdr: bytes) -> str:
     """Return the SHA-256 digest of a serialised message, whose last word is filled up with zeros."""
     return hashlib.sha256(padded(cdr)).hexdigest()
+
+
+def head(cdr: bytes) -> str:
+    """Size of a serialised message and digest of its beginning, by which the seal of a large message is found."""
+    return f"{len(cdr)}:{hashlib.sha256(cdr[:HEAD_BYTES]).hexdigest()}"
 
 
 def padded(cdr: bytes) -> bytes:
@@ -89,14 +99,38 @@ class MessageWatch(Overlap):
         super().begin_again()
 
 
+class _Message:
+    """Serialised message, its information from rclpy and its time of arrival (s)."""
+
+    def __init__(self, cdr: bytes, info: Any, at: float) -> None:
+        self.cdr, self.info, self.at = cdr, info, at
+        self._padded = padded(cdr)
+
+    @functools.cached_property
+    def digest(self) -> str:
+        return digest(self._padded)
+
+    @functools.cached_property
+    def head(self) -> str:
+        return head(self._padded)
+
+    def has(self, tag: Tag) -> bool:
+        """Whether a tag is that of the message."""
+        return self.head == tag.head and tag.fits(self._padded)
+
+
 @dataclass(frozen=True)
 class _WaitingSeal:
-    """Seal of the ``number``th message of a ``stream``, valid until ``end`` (s)."""
+    """Seal of the ``number``th message of a ``stream``, by its digest or a tag, valid until ``end`` (s)."""
 
     end: float
-    digest: str
+    proof: str | Tag
     stream: StreamKey
     number: int
+
+    def fits(self, message: _Message) -> bool:
+        """Whether this is the seal of ``message``."""
+        return message.digest == self.proof if isinstance(self.proof, str) else message.has(self.proof)
 
 
 @dataclass(eq=False)
@@ -119,9 +153,9 @@ class SealMatcher:
     clock: Callable[[], float] = time.monotonic
     watch: MessageWatch = field(init=False)
     _seals: deque[_WaitingSeal] = field(default_factory=deque, init=False)
-    _waiting: deque[tuple[float, str, bytes, Any]] = field(default_factory=deque, init=False)
+    _waiting: deque[_Message] = field(default_factory=deque, init=False)
     _bytes: int = field(default=0, init=False)
-    _delivered: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_SEALS), init=False)
+    _delivered: deque[_WaitingSeal] = field(default_factory=lambda: deque(maxlen=MAX_SEALS), init=False)
 
     def __post_init__(self) -> None:
         self.watch = MessageWatch(self.clock)
@@ -129,16 +163,16 @@ class SealMatcher:
     def take_message(self, cdr: bytes, info: Any = None) -> None:
         """Deliver a serialised message if its seal has arrived; otherwise keep it."""
         self.expire()
-        name = digest(cdr)
+        message = _Message(cdr, info, self.clock())
         for seal in self._seals:
-            if seal.digest == name:
-                self._deliver(seal, cdr, info)
+            if seal.fits(message):
+                self._deliver(seal, message)
                 return
         if self.watch.expects_copies and (
-            name in self._delivered or any(name == waiting for _, waiting, *_ in self._waiting)
+            any(seal.fits(message) for seal in self._delivered) or any(cdr == waiting.cdr for waiting in self._waiting)
         ):
             return
-        self._waiting.append((self.clock(), name, cdr, info))
+        self._waiting.append(message)
         self._bytes += len(cdr)
         while len(self._waiting) > MAX_WAITING or (self._bytes > MAX_WAITING_BYTES and len(self._waiting) > 1):
             self._give_up()
@@ -147,18 +181,19 @@ class SealMatcher:
         """Verify a seal. Deliver its message if it has arrived; otherwise keep the seal."""
         self.expire()
         try:
-            name = self.opener.open(text)
+            payload = self.opener.open(text)
+            if payload is None:
+                return
+            proof = payload if DIGEST.fullmatch(payload) else self.opener.tag(payload)
         except MessageError as error:
             self.refuse(error)
             return
-        if name is None:
-            return
-        seal = _WaitingSeal(self.clock() + self.opener.left_s, name, self.opener.stream, self.opener.number)
-        for place, (_, waiting, cdr, info) in enumerate(self._waiting):
-            if waiting == name:
+        seal = _WaitingSeal(self.clock() + self.opener.left_s, proof, self.opener.stream, self.opener.number)
+        for place, message in enumerate(self._waiting):
+            if seal.fits(message):
                 del self._waiting[place]
-                self._bytes -= len(cdr)
-                self._deliver(seal, cdr, info)
+                self._bytes -= len(message.cdr)
+                self._deliver(seal, message)
                 return
         self._seals.append(seal)
         self.watch.expect(self.opener.stream)
@@ -171,7 +206,7 @@ class SealMatcher:
         oldest = now - self.opener.freshness.window_s
         if any(seal.end < now for seal in self._seals):
             self._seals = deque(seal for seal in self._seals if seal.end >= now)
-        while self._waiting and self._waiting[0][0] < oldest:
+        while self._waiting and self._waiting[0].at < oldest:
             self._give_up()
 
     def close(self) -> None:
@@ -179,14 +214,14 @@ class SealMatcher:
         while self._waiting:
             self._give_up()
 
-    def _deliver(self, seal: _WaitingSeal, cdr: bytes, info: Any) -> None:
+    def _deliver(self, seal: _WaitingSeal, message: _Message) -> None:
         self._seals = deque(each for each in self._seals if each.stream != seal.stream or each.number > seal.number)
         self.watch.note(seal.stream)
-        self._delivered.append(seal.digest)
-        self.deliver(cdr, info)
+        self._delivered.append(seal)
+        self.deliver(message.cdr, message.info)
 
     def _give_up(self) -> None:
         from socialbot.bridge.security import SealError
 
-        self._bytes -= len(self._waiting.popleft()[2])
+        self._bytes -= len(self._waiting.popleft().cdr)
         self.refuse(SealError("unsealed", f"no seal on {seal_topic(self.opener.topic)}"))

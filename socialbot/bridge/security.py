@@ -13,7 +13,9 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from socialbot.bridge.accepted_times import AcceptedTimes
+from socialbot.bridge.detached_seals import digest
 from socialbot.bridge.keys import KeyRing, Keys
+from socialbot.bridge.message_tags import Tag, TagKeys
 from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
@@ -92,7 +94,7 @@ SCHEMA = "socialbot/Sealed/1"
 WINDOW_S = 5.0
 """Default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
 
-STREAM_BYTES = 8
+STREAM_BYTES = 16
 BEACON = "socialbot/Beacon/1"  # text that is no message: its publisher is alive
 LONGEST_SHOWN = 40
 
@@ -156,21 +158,28 @@ class Stream:
     def __post_init__(self) -> None:
         self._id = secrets.token_hex(STREAM_BYTES)
         self._number = self._time = 0
+        self._tags = TagKeys(self.realm, self.topic)
 
     def seal(self, text: str, *, renew: bool = False) -> str:
         """Seal ``text``; with ``renew`` it is the previous text again."""
         self._number += not renew
-        return self._sealed(text)
+        return self._sealed(text, self.keys.latest())
+
+    def seal_detached(self, cdr: bytes) -> tuple[str, str]:
+        """Seal a serialised message that is sent apart: the text for `seal` to renew, and its seal."""
+        self._number += 1
+        keys = self.keys.latest()
+        text = self._tags.seal(keys, self._id, self._number, cdr) or digest(cdr)
+        return text, self._sealed(text, keys)
 
     def beacon(self) -> str:
         """Seal `BEACON`, which says that this publisher is alive, and the number of its last message."""
-        return self._sealed(BEACON)
+        return self._sealed(BEACON, self.keys.latest())
 
-    def _sealed(self, text: str) -> str:
+    def _sealed(self, text: str, keys: Keys) -> str:
         now = self.now()
         # The time distinguishes renewed seals.
         self._time = now if now != self._time else now + 1
-        keys = self.keys.latest()
         blank = Sealed(
             sender=keys.name,
             stream=self._id,
@@ -204,6 +213,10 @@ class Opener:
     number: int = field(default=0, init=False)
     time: int = field(default=0, init=False)
 
+    def __post_init__(self) -> None:
+        self._tags = TagKeys(self.realm, self.topic)
+        self._keys, self._signer = self.keys.latest(), None
+
     @property
     def left_s(self) -> float:
         """Time (s) for which the last valid message stays inside the time window."""
@@ -228,11 +241,25 @@ class Opener:
             return None
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 
+    def tag(self, payload: str) -> Tag:
+        """Return the tag for this machine in the ``payload`` of the last valid message.
+
+        Raises:
+            SealError: It has none.
+        """
+        sender, stream = self.stream
+        tag = self._tags.read(payload, self._keys, self._signer, stream, self.number) if self._signer else None
+        if tag is None:
+            raise SealError("unsealed", f"{sender!r} has sealed it for other machines only: copy our .pub to it")
+        return tag
+
     def _verify(self, sealed: Sealed) -> None:
-        keys = self.keys.latest().of(sealed.sender)
+        self._keys = self.keys.latest()
+        keys = self._keys.of(sealed.sender)
         if not keys:
             raise SealError("unknown sender", repr(sealed.sender[:LONGEST_SHOWN]))
-        if not any(_is_signed_by(key, sealed, self.realm) for key in keys):
+        self._signer = next((key for key in keys if _is_signed_by(key, sealed, self.realm)), None)
+        if self._signer is None:
             raise SealError("forged", f"the seal is not {sealed.sender!r}'s, or it was altered")
         if sealed.topic != self.topic:
             raise SealError("moved", f"from {sealed.sender!r}, sealed for {sealed.topic}")

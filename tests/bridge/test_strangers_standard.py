@@ -40,6 +40,11 @@ def image(level: int) -> Image:
     return Image.from_bgr(np.full((8, 8, 3), level, np.uint8), stamp=level + 1, frame_id="camera")
 
 
+def large_image(level: int) -> Image:
+    """An image that is sealed by tags."""
+    return Image.from_bgr(np.full((480, 640, 3), level, np.uint8), stamp=level + 1, frame_id="camera")
+
+
 def battery(level: int) -> Message:
     made = message_class("sensor_msgs/msg/BatteryState")(percentage=level / 100)
     return Battery(stamp=0, ros=made)
@@ -57,6 +62,7 @@ class Case:
 
 CASES = {
     "picture": Case(Image, image, lambda one: int(one.data[0]), Delivery.NEWEST),
+    "large picture": Case(Image, large_image, lambda one: int(one.data[0]), Delivery.NEWEST),
     "compressed": Case(
         CompressedImage,
         lambda level: CompressedImage(stamp=1, frame_id="", format="jpeg", data=np.full(5000, level, np.uint8)),

@@ -38,6 +38,7 @@ from socialbot.bdi.saving import restore, write
 from socialbot.bdi.stdlib._strings import replaced
 from socialbot.bdi.trace import JsonLines, read_trace
 from socialbot.bridge.keys import Keys, load_private_key
+from socialbot.bridge.message_tags import LEAST_BYTES, TagKeys
 from socialbot.bridge.security import Freshness, Opener, Stream
 from socialbot.bridge.topics import parse_message
 from socialbot.core import paths
@@ -134,6 +135,8 @@ def _messages() -> Iterator[Decoder]:
     yield Decoder("image-file", lambda data: decode_image(data, where="image"), encoded)
     sealed = tuple(_stream().seal(text_of(text)).encode() for text in texts[:4])
     yield Decoder("sealed", lambda data: _opener().open(text_of(data)), sealed)
+    tags = tuple(_tag_keys().seal(_keys(), "stream", number, bytes(LEAST_BYTES)) or "" for number in range(3))
+    yield Decoder("tags", _read_tags, tuple(text.encode() for text in tags))
     yield Decoder("sent-by-hand", _by_hand, tuple(_handwritten(message) for message in structured()))
 
 
@@ -184,6 +187,16 @@ def _stream() -> Stream:
 def _opener() -> Opener:
     freshness = Freshness(2.0, joins_late=True, now=lambda: STAMP, steady=int)
     return Opener(_keys(), "ROS domain 42", "/speech/say", freshness)
+
+
+def _tag_keys() -> TagKeys:
+    return TagKeys("ROS domain 42", "/camera/image_raw")
+
+
+def _read_tags(data: bytes) -> None:
+    tag = _tag_keys().read(text_of(data), _keys(), _keys().trusted["robot"], "stream", 1)
+    if tag is not None:
+        tag.fits(data)
 
 
 def _by_hand(data: bytes) -> Message:
