@@ -65,6 +65,9 @@ ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
 )
 """ROS type of each message: unstructured ones, and structured ones in JSON form."""
 
+BULK_TYPES = (Image, CompressedImage, PointCloud)
+"""Messages whose field ``data`` may be large."""
+
 
 @functools.cache
 def decodable_types() -> Mapping[str, type[Message]]:

@@ -328,7 +328,7 @@ def _read_cdr(types: Typestore, data: bytes, name: str) -> Any:
     _check_cdr(data)
     definition = types.get_msgdef(name)
     read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
-    return read(data[4:], 0, definition.cls, types)[0]
+    return read(memoryview(data)[4:], 0, definition.cls, types)[0]
 
 
 def _check_cdr(data: bytes) -> None:

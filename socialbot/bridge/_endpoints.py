@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from logging import getLogger
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from socialbot.bags.codec import STRING, TypeFactory, decode, encode
+from socialbot.bags.codec import BULK_TYPES, STRING, TypeFactory, decode, encode
+from socialbot.bags.types import RosbagsTypes
 from socialbot.bridge.stream_watch import BEACON_S, WatchedSubscription
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Message, Structured
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from socialbot.bridge.security import Opener, Stream
 
 M = TypeVar("M", bound=Message)
+
+_BYTES = RosbagsTypes()
 
 log = getLogger("socialbot.transport")
 
@@ -56,6 +59,9 @@ class Sender:
 
     def publish(self, message: Message) -> None:
         """Encode, seal if there are keys, and publish ``message``."""
+        if self.stream is not None and self.drivers is None and isinstance(message, BULK_TYPES):
+            self.publish_encoded(_BYTES.serialize(encode(message, _BYTES)))  # a copy of the pixels less
+            return
         ros_message = encode(message, self.types, self.form)
         if self.seals is None and isinstance(message, Structured):
             self.forward(ros_message)

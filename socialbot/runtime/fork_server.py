@@ -27,6 +27,8 @@ from typing import NamedTuple
 
 import msgspec
 
+from socialbot.bags.types import known_types
+from socialbot.bridge.environment import has_keys
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.process_guard import guard_child
 from socialbot.graph.node import Graph
@@ -211,6 +213,8 @@ def main() -> None:
     connection = socket.socket(fileno=int(sys.argv[1]))
     for module in (*PRELOADED, *sys.argv[2:]):
         importlib.import_module(module)
+    if has_keys():
+        known_types()  # of sealed images
     from socialbot.__main__ import prepare, run
 
     prepare("node")
