@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.core._trace_details import DETAILS, DetailOfKind
+from socialbot.core._trace_details import COMMON, DETAILS
 from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
 
@@ -55,8 +55,7 @@ def index_text() -> str:
 def _record_row(kind: str) -> str:
     type_info = msgspec.inspect.type_info(DETAILS[kind])
     assert isinstance(type_info, msgspec.inspect.StructType)
-    common = {field.name for field in msgspec.structs.fields(DetailOfKind)}
-    own = (field for field in type_info.fields if field.name not in common)
+    own = (field for field in type_info.fields if field.name not in COMMON)
     return f"| `{kind}` | {', '.join(f'`{field.name}` ({_type_name(field.type)})' for field in own)} |"
 
 

@@ -20,130 +20,9 @@ class _RejectedPlan(msgspec.Struct, frozen=True):
     because: str = ""
 
 
-class _AnyDetail(msgspec.Struct, frozen=True, kw_only=True):
-    """Detail of a record of any kind, also of one that an agent of a user invents."""
-
-    rejected: tuple[_RejectedPlan, ...] = ()
-
-
-class DetailOfKind(_AnyDetail, frozen=True, kw_only=True):
-    """Detail of a record of a kind of socialbot."""
-
-    message: str = ""
-    reason: str = ""
-    outcome: str = ""
-    label: str = ""
-    text: str = ""
-
-
-# Records of the engine
-
-
-class _Belief(DetailOfKind, frozen=True, kw_only=True):
-    source: str = ""
-
-
-class _Unbelief(DetailOfKind, frozen=True, kw_only=True):
-    left: str = ""
-
-
-class _Held(DetailOfKind, frozen=True, kw_only=True):
-    seconds: float = 0.0
-
-
 class _MatchedBelief(msgspec.Struct, frozen=True):
     what: str
     since: Stamp | None = None
-
-
-class _Plan(DetailOfKind, frozen=True, kw_only=True):
-    rule: str = ""
-    where: str = ""
-    matched: tuple[_MatchedBelief, ...] = ()
-    later: tuple[str, ...] = ()
-
-
-class _Progress(DetailOfKind, frozen=True, kw_only=True):
-    fraction: float | None = None
-
-
-class _Failure(DetailOfKind, frozen=True, kw_only=True):
-    where: str = ""
-
-
-# Records of deliberation and of teams
-
-
-class _Desire(DetailOfKind, frozen=True, kw_only=True):
-    priority: float | None = None
-    deadline: float | None = None
-
-
-class _Planning(DetailOfKind, frozen=True, kw_only=True):
-    verdict: str = ""
-    steps: Int64 = 0
-    makespan_s: float | None = None
-
-
-class _PlanStart(DetailOfKind, frozen=True, kw_only=True):
-    plan: Int64 = 0
-    steps: tuple[str, ...] = ()
-    makespan_s: float | None = None
-    beside: bool = False
-    mission: Int64 | str = ""
-    team: tuple[str, ...] = ()
-    tree: str = ""
-
-
-class _PlanEnd(DetailOfKind, frozen=True, kw_only=True):
-    plan: Int64 = 0
-    tree: str = ""
-
-
-class _Step(DetailOfKind, frozen=True, kw_only=True):
-    action: str = ""
-    args: tuple[str, ...] = ()
-    plan: Int64 | None = None
-    directed_by: str = ""
-    planned_start: float | None = None
-    conditions: tuple[str, ...] = ()
-
-
-class _Request(DetailOfKind, frozen=True, kw_only=True):
-    id: str = ""
-
-
-class _Said(DetailOfKind, frozen=True, kw_only=True):
-    receiver: str = ""
-    performative: str = ""
-    content: str = ""
-    mission: str = ""
-    weight: str = ""
-
-
-# Records of topics, and of Waldo
-
-
-class _DetectedPersons(DetailOfKind, frozen=True, kw_only=True):
-    persons: tuple[PersonDetection, ...] = ()
-    width: Size = 0
-    height: Size = 0
-
-
-class _Hearing(DetailOfKind, frozen=True, kw_only=True):
-    start: Int64 | None = None
-    person: str = ""
-    language: str = ""
-    voice: str = ""
-    confidence: float = 0.0
-
-
-class _Speech(DetailOfKind, frozen=True, kw_only=True):
-    detail: str = ""
-
-
-class _Motion(DetailOfKind, frozen=True, kw_only=True):
-    duration_s: float = 0.0
 
 
 class _Clause(msgspec.Struct, frozen=True):
@@ -151,55 +30,60 @@ class _Clause(msgspec.Struct, frozen=True):
     records: tuple[str, ...]
 
 
-class _Sighting(DetailOfKind, frozen=True, kw_only=True):
-    distance_m: float | None = None
-    score: float | None = None
-    pictures: Int64 = 0
+_OF_ANY_KIND: dict[str, Any] = {"rejected": tuple[_RejectedPlan, ...]}
+"""Entries of all records, also of kinds that an agent of a user invents."""
 
-
-class _Answer(DetailOfKind, frozen=True, kw_only=True):
-    question: str = ""
-    known: bool = False
-    clauses: tuple[_Clause, ...] = ()
-
-
-class _Proposal(DetailOfKind, frozen=True, kw_only=True):
-    instructions: str = ""
-    prompt: str = ""
-    answer: str = ""
-    refused: str = ""
-    error: str = ""
-
+COMMON: Mapping[str, Any] = _OF_ANY_KIND | dict.fromkeys(("message", "reason", "outcome", "label", "text"), str)
+"""Entries of the records of all kinds of socialbot."""
 
 _ONLY_TEXTS = (
     "action_end", "asked", "desire_dropped", "desire_fulfilled", "desire_refused", "dropped", "refused", "reply",
     "step_end", "unhandled",
 )  # fmt: skip
 
-DETAILS: Mapping[str, type[_AnyDetail]] = {
-    **dict.fromkeys(_ONLY_TEXTS, DetailOfKind),
-    "belief": _Belief,
-    "unbelief": _Unbelief,
-    "held": _Held,
-    "plan": _Plan,
-    "progress": _Progress,
-    "failure": _Failure,
-    "desire": _Desire,
-    "planning": _Planning,
-    "plan_start": _PlanStart,
-    "plan_end": _PlanEnd,
-    "step": _Step,
-    "request": _Request,
-    "said": _Said,
-    "detection": _DetectedPersons,
-    "hearing": _Hearing,
-    "speech": _Speech,
-    "motion": _Motion,
-    "sees": _Sighting,
-    "answer": _Answer,
-    "proposal": _Proposal,
-}
 
+def _struct(entries: Mapping[str, Any]) -> type[msgspec.Struct]:
+    return msgspec.defstruct("Detail", [(name, kind, None) for name, kind in entries.items()])
+
+
+def _detail(**entries: Any) -> type[msgspec.Struct]:
+    return _struct({**COMMON, **entries})
+
+
+DETAILS: Mapping[str, type[msgspec.Struct]] = {
+    **dict.fromkeys(_ONLY_TEXTS, _detail()),
+    # Records of the engine
+    "belief": _detail(source=str),
+    "unbelief": _detail(left=str),
+    "held": _detail(seconds=float),
+    "plan": _detail(rule=str, where=str, matched=tuple[_MatchedBelief, ...], later=tuple[str, ...]),
+    "progress": _detail(fraction=float | None),
+    "failure": _detail(where=str),
+    # Records of deliberation and of teams
+    "desire": _detail(priority=float | None, deadline=float | None),
+    "planning": _detail(verdict=str, steps=Int64, makespan_s=float | None),
+    "plan_start": _detail(
+        plan=Int64, steps=tuple[str, ...], makespan_s=float | None, beside=bool, mission=Int64 | str,
+        team=tuple[str, ...], tree=str,
+    ),
+    "plan_end": _detail(plan=Int64, tree=str),
+    "step": _detail(
+        action=str, args=tuple[str, ...], plan=Int64 | None, directed_by=str, planned_start=float | None,
+        conditions=tuple[str, ...],
+    ),
+    "request": _detail(id=str),
+    "said": _detail(receiver=str, performative=str, content=str, mission=str, weight=str),
+    # Records of topics, and of Waldo
+    "detection": _detail(persons=tuple[PersonDetection, ...], width=Size, height=Size),
+    "hearing": _detail(start=Int64 | None, person=str, language=str, voice=str, confidence=float),
+    "speech": _detail(detail=str),
+    "motion": _detail(duration_s=float),
+    "sees": _detail(distance_m=float | None, score=float | None, pictures=Int64),
+    "answer": _detail(question=str, known=bool, clauses=tuple[_Clause, ...]),
+    "proposal": _detail(instructions=str, prompt=str, answer=str, refused=str, error=str),
+}  # fmt: skip
+
+_OTHER = _struct(_OF_ANY_KIND)
 _AT = re.compile(r" - at `\$\.?(.*)`$")
 
 
@@ -210,7 +94,7 @@ def check_detail(kind: str, detail: Mapping[str, Any]) -> None:
         ValueError: An entry has another type than records of this kind have.
     """
     try:
-        msgspec.convert(detail, DETAILS.get(kind, _AnyDetail))
+        msgspec.convert(detail, DETAILS.get(kind, _OTHER))
     except msgspec.ValidationError as error:
         place = _AT.search(str(error))
         name = f"detail.{place[1]}" if place else "detail"
