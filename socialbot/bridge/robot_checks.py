@@ -12,8 +12,8 @@ from socialbot.bags.codec import decode
 from socialbot.bridge.discovery import publishers, readable, subscriptions
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.ros_checks import Finding
-from socialbot.bridge.transport import message_class
-from socialbot.core.errors import InstallationError, SocialbotError
+from socialbot.bridge.transport import is_installed, message_class
+from socialbot.core.errors import SocialbotError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Transforms
 from socialbot.vision.camera import CameraModel, CameraPose, is_calibrated
@@ -96,9 +96,7 @@ def check_topics(
 def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
     from rclpy.qos import qos_profile_sensor_data
 
-    try:
-        kind = message_class(each.type)
-    except InstallationError:
+    if not is_installed(each.type):
         return
 
     def keep(message: Any) -> None:
@@ -106,10 +104,13 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
             heard.append(message)
 
     ros.create_subscription(
-        kind, each.name, keep, observer_qos(latched=True) if each.places else qos_profile_sensor_data
+        message_class(each.type),
+        each.name,
+        keep,
+        observer_qos(latched=True) if each.places else qos_profile_sensor_data,
     )
     if each.places:
-        ros.create_subscription(kind, "/tf", keep, qos_profile_sensor_data)
+        ros.create_subscription(message_class(each.type), "/tf", keep, qos_profile_sensor_data)
 
 
 def _expected(each: Requirement) -> int:
@@ -145,19 +146,11 @@ class _Server(NamedTuple):
 def _is_there(ros: Any, each: Requirement, heard: dict[Requirement, list[Any]]) -> bool:
     if not _endpoints(ros, each):
         return False
-    if each.kind != "publisher" or _wrong_type(ros, each) or not _is_installed(each):
+    if each.kind != "publisher" or _wrong_type(ros, each) or not is_installed(each.type):
         return True
     if each.places:
         return isinstance(camera_placement(each.places, _images_of(each, heard), heard[each]), CameraPose)
     return len(heard[each]) >= _expected(each)
-
-
-def _is_installed(each: Requirement) -> bool:
-    try:
-        message_class(each.type)
-    except InstallationError:
-        return False
-    return True
 
 
 def _wrong_type(ros: Any, each: Requirement) -> str:
@@ -180,7 +173,7 @@ def _finding(
     ros: Any, each: Requirement, heard: Mapping[Requirement, Sequence[Any]], remedy: str, source: str
 ) -> Finding:
     bad = "error" if each.needed else "warning"
-    if not _is_installed(each):
+    if not is_installed(each.type):
         package = each.type.partition("/")[0]
         own = f"{interfaces_command('robot_interfaces')}, or source a ROS installation that has {package}"
         state = "warning" if each.places else "error"

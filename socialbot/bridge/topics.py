@@ -29,9 +29,9 @@ from socialbot.bridge.adaptive_subscriptions import (
     verified_subscriptions,
 )
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
-from socialbot.bridge.transport import message_class, open_transport
+from socialbot.bridge.transport import is_installed, message_class, open_transport
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import GraphError, InstallationError, MessageError, NodeError, suggestion
+from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import NO_JSON, Message, RosMessage, Structured, ros_message
 from socialbot.core.registry import load_reference, message_types
 from socialbot.core.yaml import load_yaml
@@ -186,18 +186,10 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
     """
     if publishers := wait_for(lambda: publishers_of(ros, name), timeout_s, ended):
         kinds = [each.topic_type for each in publishers]
-        return next(filter(_is_installed, kinds), kinds[0])
+        return next(filter(is_installed, kinds), kinds[0])
     if ended():
         return None
     raise _missing("publisher", name, [topic.name for topic in list_topics(ros) if topic.publishers])
-
-
-def _is_installed(type_name: str) -> bool:
-    try:
-        message_class(type_name)
-    except InstallationError:
-        return False
-    return True
 
 
 def messages(
@@ -211,8 +203,6 @@ def messages(
         GraphError: There is no publisher within ``timeout_s``.
         InstallationError: The type of the topic is not installed.
     """
-    from socialbot.bridge.wait_sets import OneThreadExecutor
-
     type_name = await_publisher(ros, name, timeout_s=timeout_s, ended=ended)
     if type_name is None:
         return
@@ -221,11 +211,21 @@ def messages(
     subscription = AdaptiveSubscription(
         ros, name, message_class(type_name), lambda message: arrived.append(message), raw=raw
     )
+    yield from _arrivals(ros, [subscription], arrived, ended)
+
+
+def _arrivals(
+    ros: Any, subscriptions: Sequence[AdaptiveSubscription], arrived: deque[T], ended: Ended
+) -> Generator[T | None, None, None]:
+    """Spin ``ros``, and yield what its subscriptions put into ``arrived``, or None after ``POLL_S``."""
+    from socialbot.bridge.wait_sets import OneThreadExecutor
+
     executor = OneThreadExecutor(context=ros.context)
     executor.add_node(ros)
     try:
         while not ended():
-            subscription.adapt()
+            for each in subscriptions:
+                each.adapt()
             executor.spin_once(timeout_sec=POLL_S)
             yield arrived.popleft() if arrived else None
     finally:
@@ -239,8 +239,6 @@ def merged_messages(
 
     Yields None at least every ``POLL_S`` seconds. Of the ``newest`` topics, unread messages are dropped.
     """
-    from socialbot.bridge.wait_sets import OneThreadExecutor
-
     arrived: deque[tuple[str, Message]] = deque()
     transport = open_transport()
     subscriptions: list[AdaptiveSubscription] = []
@@ -250,16 +248,7 @@ def merged_messages(
         take = _decoding(kind, ros_class, lambda message, name=name: arrived.append((name, message)), refuse)
         depth = 1 if name in newest else DEPTH
         subscriptions += verified_subscriptions(ros, transport, name, ros_class, take, refuse, depth=depth)
-    executor = OneThreadExecutor(context=ros.context)
-    executor.add_node(ros)
-    try:
-        while not ended():
-            for each in subscriptions:
-                each.adapt()
-            executor.spin_once(timeout_sec=POLL_S)
-            yield arrived.popleft() if arrived else None
-    finally:
-        executor.shutdown()
+    yield from _arrivals(ros, subscriptions, arrived, ended)
 
 
 def _decoding(

@@ -85,6 +85,15 @@ def message_class(type_name: str) -> Any:
         raise InstallationError(what, remedy=_remedy(package)) from error
 
 
+def is_installed(type_name: str) -> bool:
+    """Whether ROS and the package of a type are installed."""
+    try:
+        message_class(type_name)
+    except InstallationError:
+        return False
+    return True
+
+
 def _has_types(package: str, folder: str) -> bool:
     """Whether an installed package has a ``folder`` of types. It is not imported."""
     spec = find_spec(package)

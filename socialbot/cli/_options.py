@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from socialbot.graph.node import Graph
 
 PORT = 8765
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def graph_names(incomplete: str) -> list[str]:
@@ -156,6 +158,10 @@ def times(count: int) -> str:
 
 
 GraphArgument = Annotated[str, typer.Argument(help="Built-in graph or graph file.", autocompletion=graph_names)]
+BagGraphOption = Annotated[
+    str | None,
+    typer.Option(help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=graph_names),
+]
 RunArgument = Annotated[
     Path | None, typer.Argument(help="Folder of a run; default: the newest in runs/.", autocompletion=run_folders)
 ]
@@ -194,6 +200,9 @@ ParentOption = Annotated[int | None, typer.Option(hidden=True, help="Stop when t
 VerboseOption = Annotated[
     bool,
     typer.Option("--verbose", "-v", help="Also print progress and details: people in view, head motions, ROS domain."),
+]
+TimeoutOption = Annotated[
+    float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the node to appear and to answer.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 InspectOption = Annotated[bool, typer.Option("--inspect", help="Show the run in the browser, live and afterwards.")]

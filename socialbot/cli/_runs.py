@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from socialbot.core.errors import ParameterError, SocialbotError
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
+    from socialbot.bags.reader import Bag
     from socialbot.runs.folder import RecordedRun
     from socialbot.runs.record import RunTrace
     from socialbot.runs.report import RunReport
@@ -134,6 +136,16 @@ def opened_run(folder: Path | None) -> RecordedRun:
     run = open_run(newest_run() if folder is None else folder)
     print_problems(run)
     return run
+
+
+@contextmanager
+def images_of(run: RecordedRun) -> Iterator[Bag | None]:
+    """Open the bag of a run; None if it is missing or has no images. Raises BagError for a damaged bag."""
+    from socialbot.bags.reader import open_bag
+
+    path = run.results.get("bag", {}).get("path")
+    with open_bag(path) if path and Path(path).exists() else nullcontext() as bag:
+        yield bag if bag is not None and bag.image_topics else None
 
 
 def print_problems(run: RecordedRun) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-import os
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +11,7 @@ import typer
 from rich.markup import escape
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import bar
+from socialbot.cli._options import CORES, bar
 from socialbot.core.errors import ParameterError
 from socialbot.core.paths import writing
 
@@ -26,7 +25,6 @@ EXAMPLES = (
     "socialbot evaluate data/synthetic/scene1_heldback --detector nanodet,hog",
     "socialbot evaluate labels.json --format coco",
 )
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +9,7 @@ import typer
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import run_folders
-from socialbot.cli._runs import opened_run
+from socialbot.cli._runs import images_of, opened_run
 from socialbot.core.errors import ParameterError
 
 PANEL = "Look into a run"
@@ -29,8 +28,6 @@ def export(
     Foxglove (.mcap) and Rerun (.rrd) show the images, too. ELAN (.eaf) gets a tier for each visitor, for speech, and
     for the beliefs, goals and actions of each agent. A table (.csv) has one row per record.
     """
-    from socialbot.bags.reader import open_bag
-
     kind = kind or SUFFIXES.get(out.suffix)
     if kind is None:
         remedy = f"end it in {', '.join(SUFFIXES)}, or give --format"
@@ -42,10 +39,7 @@ def export(
         rows = write_csv(recorded, out) if kind == "csv" else write_elan(recorded, out)
         console.print(f"{rows} {'rows' if kind == 'csv' else 'annotations'} in {out}")
         return
-    with ExitStack() as stack, console.status(f"writing {out}"):
-        path = recorded.results.get("bag", {}).get("path")
-        bag = stack.enter_context(open_bag(path)) if path and Path(path).exists() else None
-        bag = bag if bag is not None and bag.image_topics else None
+    with images_of(recorded) as bag, console.status(f"writing {out}"):
         if kind == "foxglove":
             from socialbot.runs.foxglove import export_foxglove
 

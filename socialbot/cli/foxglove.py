@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -32,8 +31,7 @@ def foxglove(
     token: Annotated[str | None, typer.Option(help="Token that viewers give; default: SOCIALBOT_TOKEN.")] = None,
 ) -> None:
     """Play a recorded run to Foxglove or Lichtblick over a WebSocket, until Ctrl-C."""
-    from socialbot.bags.reader import open_bag
-    from socialbot.cli._runs import opened_run
+    from socialbot.cli._runs import images_of, opened_run
     from socialbot.cli.inspect import wait_for_signal
     from socialbot.core.process import Ending
     from socialbot.runs.foxglove_live import foxglove_server, play_to_foxglove
@@ -42,9 +40,7 @@ def foxglove(
     recorded, console = opened_run(run), Console(highlight=False, soft_wrap=True)
     address = Address(host, port, token_given(token))
     with ExitStack() as stack:
-        path = recorded.results.get("bag", {}).get("path")
-        bag = stack.enter_context(open_bag(path)) if path and Path(path).exists() else None
-        bag = bag if bag is not None and bag.image_topics else None
+        bag = stack.enter_context(images_of(recorded))
         server, url = stack.enter_context(foxglove_server(recorded.title, recorded.graph, address))
         console.print(f"{recorded.title}: Ctrl-C ends it{'' if bag is not None else '; without images'}", markup=False)
         console.print(f"Foxglove: open connection, WebSocket, [bold]{url}[/]")

@@ -8,7 +8,7 @@ import typer
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import plain_table
+from socialbot.cli._options import TimeoutOption, plain_table
 
 PANEL = "Join a running graph"
 EXAMPLES = (
@@ -20,9 +20,6 @@ lifecycle = typer.Typer(
 )
 
 NodeArgument = Annotated[str, typer.Argument(metavar="NODE", help="Managed node, such as lidar_driver or /arm/driver.")]
-TimeoutOption = Annotated[
-    float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the node to appear and to answer.")
-]
 
 
 @lifecycle.command(name="list")

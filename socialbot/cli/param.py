@@ -8,7 +8,7 @@ import typer
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import plain_table
+from socialbot.cli._options import TimeoutOption, plain_table
 
 PANEL = "Join a running graph"
 EXAMPLES = (
@@ -19,9 +19,6 @@ param = typer.Typer(add_completion=False, help="List, print and set parameters o
 
 NodeArgument = Annotated[str, typer.Argument(metavar="NODE", help="Node, such as person_detector or /arm/driver.")]
 NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="Parameter, such as threshold.")]
-TimeoutOption = Annotated[
-    float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the node to appear and to answer.")
-]
 
 
 @param.command(name="list")

@@ -26,12 +26,7 @@ EXAMPLES = (
 def replay(
     context: typer.Context,
     bag: options.BagArgument,
-    graph: Annotated[
-        str | None,
-        typer.Option(
-            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=options.graph_names
-        ),
-    ] = None,
+    graph: options.BagGraphOption = None,
     runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,

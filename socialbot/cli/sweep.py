@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +26,6 @@ EXAMPLES = (
     "socialbot sweep data/synthetic/corridor --set waldo.help_after_s=2:12:1 --set waldo.range_m=3,6,9",
     "socialbot sweep data/synthetic/corridor --set waldo.help_after_s=2:12 --method bisect",
 )
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_ROWS = 40  # rows of the table in the terminal
 PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
@@ -48,12 +46,7 @@ def sweep(
             metavar="FILE", help="Python file with expectations, or an agent package, such as waldo, for its own."
         ),
     ] = None,
-    graph: Annotated[
-        str | None,
-        typer.Option(
-            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=options.graph_names
-        ),
-    ] = None,
+    graph: options.BagGraphOption = None,
     method: Annotated[
         Literal["grid", "random", "sobol", "bisect"],
         typer.Option(help="grid: all combinations; random, sobol: samples; bisect: the threshold of the range."),
@@ -69,7 +62,7 @@ def sweep(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the sweep; an interrupted one continues; default: sweeps/TIME.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Parallel processes; default: cores.")] = CORES,
+    jobs: Annotated[int, typer.Option(min=1, help="Parallel processes; default: cores.")] = options.CORES,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
     as_json: options.JsonOption = False,
 ) -> None:

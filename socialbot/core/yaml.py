@@ -156,6 +156,12 @@ class YamlSection:
             raise GraphError(f"{key!r} must be a list of texts, got {value!r}", where=self.line(key))
         return value
 
+    def flag(self, key: str, default: bool) -> bool:
+        value = self.page.get(key, default)
+        if not isinstance(value, bool):
+            raise GraphError(f"{key!r} must be true or false, got {value!r}", where=self.line(key))
+        return value
+
     def whole(self, key: str, default: int, *, minimum: int, maximum: int) -> int:
         value = plain(self.page.get(key, default))
         if type(value) is not int or not minimum <= value <= maximum:

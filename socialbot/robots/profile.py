@@ -251,7 +251,7 @@ def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
         **values,
         device=section.text("device", usual.device),
         type=section.text("type", usual.type),
-        on_head=_flag(section, "on_head", usual.on_head),
+        on_head=section.flag("on_head", usual.on_head),
         height_m=section.number("height_m", usual.height_m, minimum=0.0, maximum=10.0),
         pitch_rad=section.number("pitch_rad", usual.pitch_rad, minimum=-1.5, maximum=2.0),
         hfov_rad=section.number("hfov_rad", usual.hfov_rad, minimum=0.1, maximum=3.0),
@@ -361,10 +361,3 @@ def _topic(section: YamlSection, key: str, default: str) -> str:
             remedy="begin with /, and use letters, digits and _",
         )
     return name
-
-
-def _flag(section: YamlSection, key: str, default: bool) -> bool:
-    value = section.page.get(key, default)
-    if not isinstance(value, bool):
-        raise GraphError(f"{key!r} must be true or false, got {value!r}", where=section.line(key))
-    return value

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from socialbot.core import paths
@@ -17,6 +15,7 @@ from socialbot.core.messages import AudioData
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Output, Parameter
 from socialbot.speech.audio import MAX_RATE_HZ, MIN_RATE_HZ, WavFile
+from socialbot.speech.playback import SOUND_DEVICES, usual_backends
 
 if TYPE_CHECKING:
     import miniaudio
@@ -28,7 +27,6 @@ _RETRY_S = 2.0
 _RETRIED = f"retried every {_RETRY_S:g} s"
 _PATIENCE_S = 1.0  # A working device delivers sound more often.
 _SUFFIX = ".wav"
-_SOUND_DEVICES = Path("/dev/snd")
 
 
 class SoundDevice(Protocol):
@@ -65,7 +63,7 @@ class Capture:
         except (ImportError, OSError) as error:
             raise InstallationError(f"miniaudio is not installed ({error})", remedy=extra_command("hear")) from error
         self._on_sound = on_sound
-        usable = list(backends or _usual_backends())
+        usable = list(backends or usual_backends("c"))
         try:
             device_id = None if source == DEFAULT else _find(source, usable)
             self._device = miniaudio.CaptureDevice(
@@ -94,7 +92,7 @@ class Capture:
 
 def _remedy() -> str:
     """What to do about a microphone that cannot be opened."""
-    cards = list(_SOUND_DEVICES.glob("pcm*c"))
+    cards = list(SOUND_DEVICES.glob("pcm*c"))
     if cards and not any(os.access(card, os.R_OK | os.W_OK) for card in cards):
         return f"permission for {cards[0]} is refused: add the user to the group 'audio', and log in again"
     return "plug one in and check that no other program uses it; or set source to a .wav file"
@@ -109,18 +107,6 @@ def _find(source: str, backends: Sequence[miniaudio.Backend]) -> object:
             return device["id"]
     names = ", ".join(device["name"] for device in found) or "no microphone"
     raise DeviceError("no such microphone", where=source, remedy=f"choose one: {names}; or '{DEFAULT}'")
-
-
-def _usual_backends() -> list[miniaudio.Backend]:
-    from miniaudio import Backend
-
-    if sys.platform == "darwin":
-        return [Backend.COREAUDIO]
-    if sys.platform == "win32":
-        return [Backend.WASAPI, Backend.DSOUND]
-    # Without a sound card ALSA prints a page of errors to stderr.
-    card = any(_SOUND_DEVICES.glob("pcm*c"))
-    return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]
 
 
 class Microphone(Node):

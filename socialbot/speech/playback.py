@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
@@ -20,6 +20,7 @@ log = logging.getLogger("socialbot.speech.playback")
 
 OnEnd = Callable[[str | None], None]
 
+SOUND_DEVICES = Path("/dev/snd")
 _PERIOD_MS = 50
 _TAIL_S = 0.2  # Silence after each sound, longer than the device buffers.
 _PATIENCE_S = 1.0  # Longest time in which a working device requests no samples.
@@ -131,7 +132,7 @@ def find_player(backends: Sequence[miniaudio.Backend] = ()) -> AudioPlayer | Non
     except (ImportError, OSError) as error:
         log.info("no sound: %s", error)
         return None
-    usable = next(filter(_opens, backends or _usual_backends()), None)
+    usable = next(filter(_opens, backends or usual_backends("p")), None)
     return None if usable is None else DevicePlayer(usable)
 
 
@@ -146,7 +147,8 @@ def _opens(backend: miniaudio.Backend) -> bool:
     return True
 
 
-def _usual_backends() -> list[miniaudio.Backend]:
+def usual_backends(direction: Literal["c", "p"]) -> list[miniaudio.Backend]:
+    """Return the backends of this system to capture (c) or to play (p) sound."""
     from miniaudio import Backend
 
     if sys.platform == "darwin":
@@ -154,5 +156,5 @@ def _usual_backends() -> list[miniaudio.Backend]:
     if sys.platform == "win32":
         return [Backend.WASAPI, Backend.DSOUND]
     # Without a sound card ALSA prints a page of errors to stderr.
-    card = any(Path("/dev/snd").glob("pcm*p"))
+    card = any(SOUND_DEVICES.glob(f"pcm*{direction}"))
     return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]

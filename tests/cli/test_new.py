@@ -26,6 +26,7 @@ from socialbot.graph.node import Graph
 from socialbot.runtime.deployment import load_deployment
 from socialbot.vision.metrics.behaviour import DETECTIONS
 from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, load_truth, truth_beside
+from tests.example_modules import load_file
 from tests.system.running import socialbot, socialbot_here
 
 NUMBERS = itertools.count()
@@ -107,11 +108,7 @@ def test_a_planning_robot_in_agentspeak_is_refused(tmp_path: Path) -> None:
 
 def check_tests_pass(project: Path) -> None:
     """Run the tests of a project in this process."""
-    spec = importlib.util.spec_from_file_location(f"tests_of_{project.name}", project / "tests" / "test_agent.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load_file(project / "tests" / "test_agent.py", f"tests_of_{project.name}")
     tests = [value for name, value in vars(module).items() if name.startswith("test_")]
     assert len(tests) == 2
     for test in tests:

@@ -24,6 +24,7 @@ from socialbot.planning.planners import engines as kairos_module
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict
 from tests.planning import busy
 from tests.planning.moving import DOMAIN, PROBLEM, domain, hard, plan_of, problem
+from tests.planning.texts import mutated
 
 Kairos = kairos_module.Kairos
 
@@ -308,33 +309,15 @@ def test_without_kairos_the_error_has_a_remedy(monkeypatch):
 WORDS = [*(DOMAIN + PROBLEM).replace("(", " ( ").replace(")", " ) ").split(), "-1", "1e400", "?z", "forall", "when"]
 
 
-def mutated(text: str, seed: int) -> str:
-    """``text`` with a few words or characters lost, doubled, or put in the place of others."""
-    chance = random.Random(seed)
-    words = text.replace("(", " ( ").replace(")", " ) ").split()
-    for _ in range(chance.randint(1, 4)):
-        place = chance.randrange(len(words))
-        match chance.randrange(4):
-            case 0:
-                del words[place]
-            case 1:
-                words[place] = chance.choice(WORDS)
-            case 2:
-                words.insert(place, chance.choice(WORDS))
-            case _:
-                words[place] = words[place][: chance.randrange(len(words[place]) + 1)] + chance.choice(";\x00é\n\"'")
-    return " ".join(words)
-
-
 def check_mutations(seed: int) -> None:
     """Neither texts that our reader takes nor ones that it never sees have the planner raise or hang."""
     limits = PlannerLimits(timeout_s=1.0)
     begin = time.monotonic()
-    answer = Kairos().solve(replace(domain(), text=mutated(DOMAIN, seed)), problem(), limits)
+    answer = Kairos().solve(replace(domain(), text=mutated(DOMAIN, seed, WORDS)), problem(), limits)
     assert isinstance(answer.verdict, PlannerVerdict)
     try:
-        known = read_domain(mutated(DOMAIN, seed + 1)) if seed % 2 else domain()
-        asked = read_problem(mutated(PROBLEM, seed + 2), known)
+        known = read_domain(mutated(DOMAIN, seed + 1, WORDS)) if seed % 2 else domain()
+        asked = read_problem(mutated(PROBLEM, seed + 2, WORDS), known)
     except PlanningError:
         return
     answer = Kairos().solve(known, asked, limits)

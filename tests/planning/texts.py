@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Sequence
+
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
 from socialbot.planning.pddl.reader import read_domain, read_problem
 
@@ -87,3 +90,24 @@ def crane() -> tuple[PddlDomain, PddlProblem]:
 def cellar() -> tuple[PddlDomain, PddlProblem]:
     domain = read_domain(CELLAR)
     return domain, read_problem(CELLAR_PROBLEM, domain)
+
+
+def mutated(text: str, seed: int, words: Sequence[str]) -> str:
+    """Return ``text`` with a few words or characters lost, doubled, or replaced by one of ``words``."""
+    chance = random.Random(seed)
+    found = text.replace("(", " ( ").replace(")", " ) ").split()
+    for _ in range(chance.randint(1, 4)):
+        place = chance.randrange(len(found))
+        match chance.randrange(5):
+            case 0:
+                del found[place]
+            case 1:
+                found[place] = chance.choice(words)
+            case 2:
+                found.insert(place, chance.choice(words))
+            case 3:
+                found[place] = chance.choice(found)
+            case _:
+                found[place] = found[place][: chance.randrange(len(found[place]) + 1)] + chance.choice(";\x00é\n\"'")
+        found = found or ["("]
+    return " ".join(found)

@@ -5,7 +5,6 @@ Neither is on PyPI. The names, their arguments and the order of what happens are
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -14,6 +13,8 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+
+from tests.example_modules import load_file
 
 
 @dataclass
@@ -115,12 +116,7 @@ def performed(value: Any, context: Context) -> str:
 
 
 def description_of(path: Path) -> LaunchDescription:
-    spec = importlib.util.spec_from_file_location(path.name.replace(".", "_"), path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.generate_launch_description()
+    return load_file(path, path.name.replace(".", "_")).generate_launch_description()
 
 
 def launched(path: Path, log_folder: Path, monkeypatch: pytest.MonkeyPatch, **arguments: str) -> list[Node]:

@@ -119,7 +119,7 @@ def test_without_a_device_the_reason_is_a_sentence() -> None:
 def test_refused_permission_names_the_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Root may read every device, so the permission is made up."""
     (tmp_path / "pcmC0D0c").touch()
-    monkeypatch.setattr(microphone, "_SOUND_DEVICES", tmp_path)
+    monkeypatch.setattr(microphone, "SOUND_DEVICES", tmp_path)
     monkeypatch.setattr(microphone.os, "access", lambda path, mode: False)
     backend = miniaudio.Backend.SNDIO  # of another system
     with pytest.raises(DeviceError, match="no microphone") as caught:

@@ -140,7 +140,7 @@ def test_without_the_library_there_is_no_player(monkeypatch):
 
 
 def test_null_device_is_not_a_usual_backend():
-    assert NULL not in playback._usual_backends()
+    assert NULL not in playback.usual_backends("p")
 
 
 def test_looking_for_a_device_never_fails():

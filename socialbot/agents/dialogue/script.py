@@ -194,11 +194,7 @@ def _language(section: YamlSection, key: object) -> str:
 
 def _intent(name: str, section: YamlSection) -> Intent:
     phrases = {_language(section, key): _texts(section, key) for key in section.page if key not in ("slots", *_FLAGS)}
-    flags = {key: section.page.get(key, False) for key in _FLAGS}
-    for key, value in flags.items():
-        if not isinstance(value, bool):
-            raise GraphError(f"{key!r} must be true or false, got {value!r}", where=section.line(key))
-    return Intent(name, tuple(section.texts("slots")), phrases, **flags)
+    return Intent(name, tuple(section.texts("slots")), phrases, **{key: section.flag(key, False) for key in _FLAGS})
 
 
 def _question(name: str, section: YamlSection) -> Question:

@@ -26,16 +26,38 @@ class AtomObserver:
 
     subjects: frozenset[str] = frozenset({RECORDS})
 
+    def __init__(self) -> None:
+        self._found: dict[Key, list[Occurrence]] = {}
+
     def take(self, at: int, item: Any, history: History) -> None:
         """Process a record, health or message at ``at`` (ns from the start)."""
         raise NotImplementedError
 
     def occurrences(self, end: int, history: History) -> Mapping[Key, Sequence[Occurrence]]:
         """Return the occurrences until ``end`` (ns from the start) by values of the variables."""
-        raise NotImplementedError
+        return self._found
 
     def forget(self, before: int) -> None:
         """Drop occurrences that ended before a moment (ns from the start)."""
+        for key, occurrences in list(self._found.items()):
+            occurrences[:] = [each for each in occurrences if each.end >= before]
+            if not occurrences:
+                del self._found[key]
+
+    def _end(self, key: Key, begin: int, at: int, record: TraceRecord | None) -> None:
+        """Note a state that ended just before ``at``."""
+        if begin < at:
+            self._found.setdefault(key, []).append(Occurrence(begin, at - 1, record))
+
+    def _with_open(
+        self, states: Iterable[tuple[Key, int, TraceRecord | None]], end: int
+    ) -> Mapping[Key, Sequence[Occurrence]]:
+        """Return the occurrences with the states that have not ended until ``end``."""
+        found = {key: list(all_of) for key, all_of in self._found.items()}
+        for key, begin, record in states:
+            if begin <= end:
+                found.setdefault(key, []).append(Occurrence(begin, end, record))
+        return {key: sorted(all_of, key=_begin) for key, all_of in found.items()}
 
 
 def key_of(values: Mapping[str, str]) -> Key:
@@ -53,10 +75,10 @@ class EventObserver(AtomObserver):
         *,
         later: bool = False,
     ) -> None:
+        super().__init__()
         self.subjects = frozenset(subjects)
         self._select, self._kinds, self._later = select, frozenset(kinds), later
         self._pending: list[tuple[int, Any]] = []
-        self._found: dict[Key, list[Occurrence]] = {}
 
     def take(self, at: int, item: Any, history: History) -> None:
         if self._kinds and getattr(item, "kind", "") not in self._kinds:
@@ -77,9 +99,6 @@ class EventObserver(AtomObserver):
             self._note(at, item, history)
         return self._found
 
-    def forget(self, before: int) -> None:
-        _forget(self._found, before)
-
 
 class StateObserver(AtomObserver):
     """States that records, health or messages begin and end.
@@ -93,10 +112,10 @@ class StateObserver(AtomObserver):
         subjects: Iterable[str] = (RECORDS,),
         kinds: Iterable[str] = (),
     ) -> None:
+        super().__init__()
         self.subjects = frozenset(subjects)
         self._changes, self._kinds = changes, frozenset(kinds)
         self._open: dict[str, tuple[Key, int, TraceRecord | None]] = {}
-        self._found: dict[Key, list[Occurrence]] = {}
 
     def take(self, at: int, item: Any, history: History) -> None:
         if self._kinds and getattr(item, "kind", "") not in self._kinds:
@@ -106,28 +125,20 @@ class StateObserver(AtomObserver):
                 self._open[name] = key_of(values), at, item if isinstance(item, TraceRecord) else None
             elif not begins and name in self._open:
                 key, begin, record = self._open.pop(name)
-                if begin < at:
-                    self._found.setdefault(key, []).append(Occurrence(begin, at - 1, record))
+                self._end(key, begin, at, record)
 
     def occurrences(self, end: int, history: History) -> Mapping[Key, Sequence[Occurrence]]:
-        found = {key: list(all_of) for key, all_of in self._found.items()}
-        for key, begin, record in self._open.values():
-            if begin <= end:
-                found.setdefault(key, []).append(Occurrence(begin, end, record))
-        return {key: sorted(all_of, key=_begin) for key, all_of in found.items()}
-
-    def forget(self, before: int) -> None:
-        _forget(self._found, before)
+        return self._with_open(self._open.values(), end)
 
 
 class ActionObserver(AtomObserver):
     """Actions and steps in execution. Only those are known to last that make progress, end later, or are steps."""
 
     def __init__(self, begins: Callable[[TraceRecord], Mapping[str, str] | None]) -> None:
+        super().__init__()
         self._begins = begins
         self._begun: dict[str, tuple[Key, int, TraceRecord]] = {}
         self._lasting: set[str] = set()
-        self._found: dict[Key, list[Occurrence]] = {}
 
     def take(self, at: int, item: Any, history: History) -> None:
         if item.kind in ("action", "step"):
@@ -141,18 +152,10 @@ class ActionObserver(AtomObserver):
         elif item.kind in ("action_end", "step_end") and item.cause in self._begun:
             key, begin, record = self._begun.pop(item.cause)
             self._lasting.discard(item.cause)
-            if begin < at:
-                self._found.setdefault(key, []).append(Occurrence(begin, at - 1, record))
+            self._end(key, begin, at, record)
 
     def occurrences(self, end: int, history: History) -> Mapping[Key, Sequence[Occurrence]]:
-        found = {key: list(all_of) for key, all_of in self._found.items()}
-        for name in self._lasting & self._begun.keys():
-            key, begin, record = self._begun[name]
-            found.setdefault(key, []).append(Occurrence(begin, end, record))
-        return {key: sorted(all_of, key=_begin) for key, all_of in found.items()}
-
-    def forget(self, before: int) -> None:
-        _forget(self._found, before)
+        return self._with_open((self._begun[name] for name in self._lasting & self._begun.keys()), end)
 
 
 class PersonObserver(AtomObserver):
@@ -162,8 +165,8 @@ class PersonObserver(AtomObserver):
     """
 
     def __init__(self, is_it: Callable[[Mapping[str, Any]], bool], variable: str, gap_s: float) -> None:
+        super().__init__()
         self._is_it, self._variable, self._gap = is_it, variable, nanoseconds(gap_s)
-        self._found: dict[Key, list[Occurrence]] = {}
 
     def take(self, at: int, item: Any, history: History) -> None:
         if item.kind != "detection":
@@ -178,22 +181,9 @@ class PersonObserver(AtomObserver):
             else:
                 track.append(Occurrence(at, at, item))
 
-    def occurrences(self, end: int, history: History) -> Mapping[Key, Sequence[Occurrence]]:
-        return self._found
-
-    def forget(self, before: int) -> None:
-        _forget(self._found, before)
-
 
 def _begin(occurrence: Occurrence) -> int:
     return occurrence.begin
-
-
-def _forget(found: dict[Key, list[Occurrence]], before: int) -> None:
-    for key, occurrences in list(found.items()):
-        occurrences[:] = [each for each in occurrences if each.end >= before]
-        if not occurrences:
-            del found[key]
 
 
 class Observation:

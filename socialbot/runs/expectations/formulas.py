@@ -211,14 +211,16 @@ class Constant(TemporalFormula):
 
 
 @dataclass(frozen=True, eq=False)
-class Negation(TemporalFormula):
-    """Negation."""
-
+class _OfPart(TemporalFormula):
     part: TemporalFormula
 
     @property
     def parts(self) -> tuple[TemporalFormula, ...]:
         return (self.part,)
+
+
+class Negation(_OfPart):
+    """Negation."""
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         must, may = self.part.truth(trace, binding)
@@ -266,15 +268,10 @@ class Disjunction(_Pair):
 
 
 @dataclass(frozen=True, eq=False)
-class _Timed(TemporalFormula):
-    part: TemporalFormula
+class _Timed(_OfPart):
     window: Window = ALWAYS
 
     symbol = ""
-
-    @property
-    def parts(self) -> tuple[TemporalFormula, ...]:
-        return (self.part,)
 
     def __str__(self) -> str:
         return f"{self.symbol}{self.window} {self.part}"
@@ -367,15 +364,8 @@ class Since(_TimedPair):
         return max(self.left.memory, self.right.memory) + self.window.longest
 
 
-@dataclass(frozen=True, eq=False)
-class Rise(TemporalFormula):
+class Rise(_OfPart):
     """The part begins to hold: it holds, and did not at the moment before."""
-
-    part: TemporalFormula
-
-    @property
-    def parts(self) -> tuple[TemporalFormula, ...]:
-        return (self.part,)
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         last = trace.last
@@ -393,17 +383,12 @@ class Rise(TemporalFormula):
 
 
 @dataclass(frozen=True, eq=False)
-class Counted(TemporalFormula):
+class Counted(_OfPart):
     """``low`` to ``high`` onsets of the part (None: any number) are in the window ahead."""
 
-    part: TemporalFormula
     low: int = 0
     high: int | None = None
     window: Window = ALWAYS
-
-    @property
-    def parts(self) -> tuple[TemporalFormula, ...]:
-        return (self.part,)
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         onsets, last = self.part.onsets(trace, binding), trace.last

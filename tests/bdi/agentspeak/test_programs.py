@@ -8,6 +8,7 @@ from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import AgentSpeakError, IncludePaths, parse, read_program
 from socialbot.bdi.agentspeak.loading import check, load
 from socialbot.core.clock import ManualClock
+from tests.bdi.mas import said
 
 
 @pytest.fixture
@@ -28,14 +29,6 @@ def said_by(file, **paths):
     engine, lines = Engine("me", ManualClock()), []
     engine.out = lines.append
     load(engine, file.read_text(), str(file), IncludePaths(**paths))
-    engine.run_until_idle()
-    return lines
-
-
-def said(text):
-    engine, lines = Engine("me", ManualClock()), []
-    engine.out = lines.append
-    engine.add_text(text)
     engine.run_until_idle()
     return lines
 

@@ -6,15 +6,7 @@ import pytest
 
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
-
-
-def said(text):
-    engine, lines = Engine("me", ManualClock()), []
-    engine.out = lines.append
-    engine.add_text(text)
-    engine.run_until_idle()
-    return lines
-
+from tests.bdi.mas import said
 
 CASES = {
     "an internal action with a condition in a context": (
