@@ -6,7 +6,7 @@ import numpy as np
 
 # A person occludes the feet of another one who shares this part of their width and whose box ends higher by this share.
 _HIDING, _NEARER = 0.5, 0.1
-_USUAL_ASPECT = 0.3  # Usual width of people who stand, as a share of their height.
+USUAL_ASPECT = 0.3  # Usual width of people who stand, as a share of their height.
 _LOWER = 0.02  # The box of a nearer person ends lower by this share of the height,
 _ALONG = 0.5  # is beside this share of it,
 _GAP = 0.1  # and not farther away than this share of the usual width.
@@ -33,7 +33,7 @@ def with_hidden_side(box: np.ndarray, height: float, others: np.ndarray) -> tupl
         Left edge and width. They are those of ``box`` if nobody, or somebody on each side, hides the person.
     """
     left, top, width, h = box.tolist()
-    right, bottom, usual = left + width, top + h, _USUAL_ASPECT * height
+    right, bottom, usual = left + width, top + h, USUAL_ASPECT * height
     ends = others[:, 1] + others[:, 3]
     beside = np.minimum(bottom, ends) - np.maximum(top, others[:, 1])
     nearer = others[(ends > bottom + _LOWER * h) & (beside >= _ALONG * h)]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
+from socialbot.vision._occlusion import USUAL_ASPECT
 from socialbot.vision.distance import Estimate
 from socialbot.vision.network import OnnxModel, View, included_model
 from socialbot.vision.tracking import Track
@@ -224,6 +225,12 @@ def _odds(face: Face | None, head_px: float) -> float:
     return _SURE_ODDS if face.score >= _SURE_FACE else _WEAK_ODDS
 
 
+def _head_px(track: Track) -> float:
+    """Height of the head of a person, pixels; the width of a box that the image cuts off below tells the size."""
+    _, _, w, h = track.box.tolist()
+    return _HEAD_SHARE * (max(h, w / USUAL_ASPECT) if track.cut.bottom else h)
+
+
 class FaceFinder:
     """Searches the faces of tracked people, at most one in each image."""
 
@@ -243,12 +250,12 @@ class FaceFinder:
             if track.id in known
             and not track.unseen_s
             and not track.cut.top
-            and _HEAD_SHARE * track.box[3] >= _LEAST_HEAD
+            and _head_px(track) >= _LEAST_HEAD
             and (known[track.id].looked is None or stamp - (known[track.id].looked or 0) >= _PAUSE_S * SECOND)
         ]
         if not waiting:
             return None
         _, name, track = min(waiting, key=lambda each: each[:2])
         face = self._detector.find(image, track.box)
-        known[name].see(stamp, face, head_px=_HEAD_SHARE * float(track.box[3]) if track.score >= _SURE_BOX else 0.0)
+        known[name].see(stamp, face, head_px=_head_px(track) if track.score >= _SURE_BOX else 0.0)
         return face

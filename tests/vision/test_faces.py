@@ -218,3 +218,13 @@ def test_heads_take_turns_and_small_ones_are_left_out(monkeypatch):
         finder.look(empty_room(), round((1 + number * 0.1) * SECOND), tracks, known)
     assert asked == [0.0, 200.0, 0.0, 200.0, 0.0, 200.0]
     assert known["t3"].looked is None
+
+
+def test_a_near_person_whose_legs_are_out_of_the_image_is_searched(monkeypatch):
+    finder, sizes = FaceFinder(), []
+    monkeypatch.setattr(finder._detector, "find", lambda image, person: None)
+    monkeypatch.setattr(Attention, "see", lambda self, stamp, face, *, head_px: sizes.append(head_px))
+    box = np.array([100.0, 108.0, 76.0, 132.0])  # at 1.8 m in an image of 320x240
+    finder.look(empty_room(), SECOND, [Track("t1", box, 0.9, 0.0, Cut(bottom=True))], {"t1": Attention()})
+    finder.look(empty_room(), 2 * SECOND, [Track("t2", box, 0.9, 0.0, Cut())], {"t2": Attention()})
+    assert sizes == [pytest.approx(33.0, abs=1.0)], "but not a child whose feet are in the image"
