@@ -10,7 +10,6 @@ import logging
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 from socialbot.bridge.environment import spinning_node
@@ -149,11 +148,11 @@ class Translator:
                 self._publish_voice(message)
 
     def _publish_people(self, found: PersonDetections) -> None:
-        if found.frame_id not in ("", self._mounting.optical):
-            # The frame of the images depends on the driver or the bag, not on the graph.
-            self._mounting = replace(self._mounting, optical=found.frame_id)
-            self._publish_camera()
         head = self._pose(found.stamp) if self._mounting.on_head else AHEAD
+        mounting = self._mounting.updated(found, head)
+        if mounting != self._mounting:
+            self._mounting = mounting
+            self._publish_camera()
         if found.persons:
             self._publish(TF, lambda: self._messages.bodies(found, head))
         self._publish(MARKERS, lambda: self._messages.markers(found, head))
@@ -224,6 +223,8 @@ class Translator:
 
     def _publish_camera(self) -> None:
         self._publish(TF_STATIC, lambda: self._messages.camera(self._now(), self._mounting))
+        if TF_STATIC in self._publishers:
+            self._ros.get_logger().info(f"{TF_STATIC}: camera {self._mounting}")
 
     def _publish_head(self) -> None:
         with self._lock:

@@ -361,7 +361,10 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     """People in one frame, with the stamp of the frame. An empty list means no detections.
 
     ``camera_yaw_rad`` is the direction of the camera from that of the robot's base, positive to the left, if transforms
-    tell it; then ``camera_hfov_rad`` is its horizontal field of view.
+    tell it; then ``camera_hfov_rad`` is its horizontal field of view. ``camera_height_m`` above the floor and
+    ``camera_pitch_rad``, positive downwards, are its pose, if ``camera_pose_source`` is known.
+
+    ``faces`` tells whether faces are searched. Without them, ``facing_rad`` is that of walkers only.
     """
 
     frame_id: str
@@ -370,6 +373,10 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     persons: Annotated[tuple[PersonDetection, ...], msgspec.Meta(max_length=limits.PERSONS)]
     camera_yaw_rad: float | None = None
     camera_hfov_rad: float | None = None
+    camera_height_m: float | None = None
+    camera_pitch_rad: float | None = None
+    camera_pose_source: Literal["unknown", "given", "tf", "floor", "file", "people"] = "unknown"
+    faces: bool | None = None
 
     @property
     def id(self) -> str:

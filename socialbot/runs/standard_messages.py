@@ -8,7 +8,7 @@ import re
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,6 +29,14 @@ OPTICAL = "camera_color_optical_frame"
 
 HEIGHT_M = 1.2
 _UNKNOWN_PITCH = 2.0
+_POSES = {
+    "given": "given",
+    "people": "estimated from people",
+    "floor": "estimated from the floor",
+    "file": "from a file",
+}
+"""Sources of a camera pose that no transform tells."""
+_MOVED_M, _TURNED_RAD = 0.02, 0.01  # A pose that differs by so much from that of the detector is replaced by it.
 Vector = tuple[float, float, float]
 
 
@@ -46,13 +54,33 @@ AHEAD = HeadPose(0.0, 0.0)
 class Mounting:
     """Camera ``height_m`` above the floor, tilted down by ``pitch_rad``, on the base or on the head.
 
-    ``optical`` is the frame of its images.
+    ``optical`` is the frame of its images, and ``source`` tells where the pose comes from.
     """
 
     height_m: float = HEIGHT_M
     pitch_rad: float = 0.0
     on_head: bool = False
     optical: str = OPTICAL
+    source: str = "assumed"
+
+    def updated(self, found: PersonDetections, head: HeadPose = AHEAD) -> Mounting:
+        """Return the mounting with the frame of the images, and with the camera pose of the detector.
+
+        Args:
+            found: Detections.
+            head: Direction of the head at their time; the pose of the detector includes its tilt.
+        """
+        # The frame of the images depends on the driver or the bag, not on the graph.
+        known = replace(self, optical=found.frame_id or self.optical)
+        source = _POSES.get(found.camera_pose_source, "")
+        if not source or found.camera_height_m is None or found.camera_pitch_rad is None:
+            return known
+        height_m, pitch_rad = found.camera_height_m, found.camera_pitch_rad + (head.tilt if self.on_head else 0.0)
+        moved = abs(height_m - self.height_m) >= _MOVED_M or abs(pitch_rad - self.pitch_rad) >= _TURNED_RAD
+        return replace(known, height_m=height_m, pitch_rad=pitch_rad, source=source) if moved else known
+
+    def __str__(self) -> str:
+        return f"{self.height_m:.2f} m high, {self.pitch_rad:.3f} rad down ({self.source})"
 
 
 def mounting_of(graph: Graph) -> Mounting:
@@ -60,9 +88,10 @@ def mounting_of(graph: Graph) -> Mounting:
     detector = parameters_of(graph, "mount_height_m", "pitch_rad")
     # The detector estimates a height of 0 and a pitch of 2, which are not known here.
     height_m, pitch_rad = float(detector.get("mount_height_m", 0.0)), float(detector.get("pitch_rad", 0.0))
+    source = "given" if height_m and pitch_rad < _UNKNOWN_PITCH else "assumed"
     height_m, pitch_rad = height_m or HEIGHT_M, pitch_rad if pitch_rad < _UNKNOWN_PITCH else 0.0
     on_head = bool(parameters_of(graph, "camera_on_head").get("camera_on_head"))
-    return Mounting(height_m, pitch_rad, on_head, _camera_frame(graph))
+    return Mounting(height_m, pitch_rad, on_head, _camera_frame(graph), source)
 
 
 def parameters_of(graph: Graph, *names: str) -> Mapping[str, Any]:

@@ -295,6 +295,8 @@ class PersonDetector(Node):
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
         bgr = image.bgr()
         persons = self._pipeline.find(bgr, image.stamp, camera, depth)
+        pose = self.camera_pose
+        source = "unknown" if pose.source == "assumed" else pose.source
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp,
@@ -304,6 +306,10 @@ class PersonDetector(Node):
                 persons=persons,
                 camera_yaw_rad=yaw_rad,
                 camera_hfov_rad=None if yaw_rad is None else camera.hfov_rad,
+                camera_height_m=None if source == "unknown" else pose.height_m,
+                camera_pitch_rad=None if source == "unknown" else pose.pitch_rad,
+                camera_pose_source=source,
+                faces=self._pipeline.searches_faces,
             )
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)

@@ -163,6 +163,11 @@ class PersonPipeline:
         return self._pose
 
     @property
+    def searches_faces(self) -> bool:
+        """Whether faces of tracked people are searched."""
+        return self._faces is not None
+
+    @property
     def sees_floor(self) -> bool:
         """Whether the floor in depth images has contributed to the pose."""
         return self._estimator is not None and self._estimator.floors > 0

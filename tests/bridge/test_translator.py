@@ -86,7 +86,9 @@ def test_the_mounting_follows_detector_and_camera() -> None:
         "person_detector": {"mount_height_m": 0.9, "pitch_rad": -0.2},
         "head": {"camera_on_head": True},
     }
-    assert mounting_of(WALDO.with_parameters(changes)) == Mounting(0.9, -0.2, on_head=True, optical="eye")
+    assert mounting_of(WALDO.with_parameters(changes)) == Mounting(
+        0.9, -0.2, on_head=True, optical="eye", source="given"
+    )
     assert mounting_of(load_graph("warehouse")) == Mounting()
 
 

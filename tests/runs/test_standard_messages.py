@@ -106,6 +106,34 @@ def test_camera_frames_on_head_or_base(on_head, holder):
     assert turned(turn, (1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0)), "its x is to the right"
 
 
+@pytest.mark.parametrize(
+    ("pose", "on_head", "mounting"),
+    [
+        ({}, False, Mounting(optical="eye")),
+        ({"camera_pose_source": "people"}, False, Mounting(1.52, 0.1, optical="eye", source="estimated from people")),
+        ({"camera_pose_source": "file"}, False, Mounting(1.52, 0.1, optical="eye", source="from a file")),
+        ({"camera_pose_source": "given"}, True, Mounting(1.52, 0.35, True, "eye", "given")),
+        ({"camera_pose_source": "tf"}, False, Mounting(optical="eye")),
+        ({"camera_pose_source": "people", "camera_height_m": None}, False, Mounting(optical="eye")),
+    ],
+    ids=["assumed", "estimated", "file", "given, on a head that looks up", "transforms", "incomplete"],
+)
+def test_the_mounting_takes_the_pose_that_the_detector_knows(pose, on_head, mounting):
+    found = PersonDetections(
+        stamp=0, frame_id="eye", width=640, height=480, persons=(),
+        **{"camera_height_m": 1.52, "camera_pitch_rad": 0.1, **pose},
+    )  # fmt: skip
+    known = Mounting(on_head=on_head).updated(found, HeadPose(0.5, 0.25))
+    assert known == mounting
+
+
+def test_the_mounting_ignores_small_changes_of_an_estimate():
+    pose = {"camera_height_m": 1.52, "camera_pitch_rad": 0.1, "camera_pose_source": "people"}
+    known = Mounting().updated(msgspec.structs.replace(FOUND, **pose))
+    assert known.updated(msgspec.structs.replace(FOUND, **pose | {"camera_height_m": 1.53})) == known
+    assert known.updated(msgspec.structs.replace(FOUND, **pose | {"camera_height_m": 1.55})).height_m == 1.55
+
+
 def test_no_optical_frame_for_images_in_the_camera_frame():
     (camera,) = there_and_back(SAY.camera(0, Mounting(optical=CAMERA))).transforms
     assert (camera.header.frame_id, camera.child_frame_id) == ("base_link", CAMERA)

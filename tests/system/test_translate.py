@@ -194,6 +194,27 @@ def test_publishes_people_as_tf_vision_msgs_and_ros4hri(graph: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("standard")
+def test_the_camera_has_the_pose_that_people_show(graph_file: Path, tmp_path: Path) -> None:
+    graph_file.write_text(graph_file.read_text().replace(", parameters: {mount_height_m: 1.62, pitch_rad: 0.052}", ""))
+    with (
+        running("up", graph_file, "--out", tmp_path / "run"),
+        running("translate", graph_file, "--head") as translating,
+    ):
+
+        def height_m() -> float:
+            return frames(heard(HEAD))["camera_link"]["transform"]["translation"]["z"]
+
+        assert eventually(lambda: height_m() != 1.2, LIMIT_S)
+        assert 1.3 < height_m() < 2.0
+        translating.send_signal(signal.SIGINT)
+        translating.wait(timeout=PATIENCE_S)
+        printed = translating.output()
+    assert "/tf_static: camera 1.20 m high, 0.000 rad down (assumed)" in printed
+    assert "(estimated from people)" in printed
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("standard")
 def test_publishes_voices_as_ros4hri(tmp_path: Path) -> None:
     (tmp_path / "talk.py").write_text(TALK)
     graph = tmp_path / "talk.yaml"

@@ -393,6 +393,21 @@ def near(request: pytest.FixtureRequest) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
+    ("parameters", "searched"), [({}, True), ({"faces": False}, False), ({"tracker": "none"}, False)]
+)
+def test_tells_whether_faces_are_searched(parameters, searched):
+    assert Rig(**parameters).show(corridor()).faces is searched
+
+
+def test_tells_the_pose_of_the_camera_once_it_is_known():
+    found = Rig().show(corridor())
+    assert (found.camera_height_m, found.camera_pitch_rad, found.camera_pose_source) == (1.62, 0.052, "given")
+    rig = Rig(mount_height_m=0.0, pitch_rad=2.0)
+    found = rig.show(corridor())
+    assert (found.camera_height_m, found.camera_pitch_rad, found.camera_pose_source) == (None, None, "unknown")
+
+
+@pytest.mark.parametrize(
     ("turns", "told"),
     [(0, ""), (1, "by 90 degrees clockwise"), (2, "by 180 degrees"), (3, "by 90 degrees anticlockwise")],
 )

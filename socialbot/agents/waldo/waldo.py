@@ -198,7 +198,7 @@ class PersonSensor(Sensor):
         self._engaged: set[str] = set()
         self._coming: set[str] = set()
         self._in_view: dict[str, int] = {}  # time (ns) from which each of them has been in view without a gap
-        # Whether faces are detected, so that one may be waited for; None until the first person shows it.
+        # Whether faces are detected, so that one may be waited for; None until the detector or the first person tells.
         self._sees_faces: bool | None = None
         self._conversations = Conversations()
         self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
@@ -399,7 +399,9 @@ class PersonSensor(Sensor):
         persons = [in_base(person, percept.camera_yaw_rad) for person in percept.known]
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
-        if any(person.facing_rad is not None for person in persons):
+        if percept.faces is False:
+            self._sees_faces = False
+        elif any(person.facing_rad is not None for person in persons):
             self._sees_faces = True
         by_id = {p.track_id or SOMEBODY: p for p in near}
         self._frames.append(Frame(percept.stamp, by_id, len(near), view_of(percept)))

@@ -205,7 +205,12 @@ def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list
 
 def _message(found: FoundFrame) -> PersonDetections:
     return PersonDetections(
-        stamp=found.stamp, frame_id="camera", width=found.width, height=found.height, persons=tuple(found.persons)
+        stamp=found.stamp,
+        frame_id="camera",
+        width=found.width,
+        height=found.height,
+        persons=tuple(found.persons),
+        faces=found.faces,
     )
 
 

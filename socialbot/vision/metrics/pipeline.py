@@ -137,6 +137,11 @@ class EvaluatedPipeline:
             **{name: values[name] for name in ("remember_s", "person_height_m", "hide_still", "faces")},
         )
 
+    @property
+    def searches_faces(self) -> bool:
+        """Whether faces of tracked people are searched."""
+        return self._pipeline.searches_faces
+
     def find(self, image: np.ndarray, encoded: EncodedImage) -> tuple[Persons, Persons]:
         """The people in ``image``, decoded from ``encoded``, and all boxes of the detector with ``recording``.
 
@@ -182,13 +187,17 @@ class Job:
 
 @dataclass(frozen=True)
 class FoundFrame:
-    """Result for one image: people of the pipeline, and ``raw`` boxes of the detector down to a low score."""
+    """Result for one image: people of the pipeline, and ``raw`` boxes of the detector down to a low score.
+
+    ``faces`` tells whether faces are searched.
+    """
 
     stamp: int
     width: int
     height: int
     persons: tuple[PersonDetection, ...]
     raw: tuple[PersonDetection, ...]
+    faces: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -228,7 +237,7 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
                 remedy="check that the boxes belong to this image, in its original size",
             )
         persons, raw = pipeline.find(image, encoded)
-        frames.append(FoundFrame(encoded.stamp, width, height, persons, raw))
+        frames.append(FoundFrame(encoded.stamp, width, height, persons, raw, pipeline.searches_faces))
         advance(number)
     return Found(tuple(frames), damaged, first)
 

@@ -36,6 +36,7 @@ class Corridor:
         self.trace: list[TraceRecord] = []
         self.minds: list[Mind] = []
         self.frame = 0
+        self.faces: bool | None = None
         self.shown: list[int] = []
         self.runner.tap("/waldo/actions", self._act)
         self.runner.tap("/waldo/trace", lambda _, record: self.trace.append(record))  # type: ignore[arg-type]
@@ -54,7 +55,9 @@ class Corridor:
                 self.shown.append(stamp)
             self.runner.feed(
                 DETECTIONS,
-                PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=persons),
+                PersonDetections(
+                    stamp=stamp, frame_id="camera", width=640, height=480, persons=persons, faces=self.faces
+                ),
             )
             self.frame += 1
 

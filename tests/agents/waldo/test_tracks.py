@@ -374,3 +374,20 @@ def test_the_first_person_is_waited_for_until_a_face_could_have_been_found(unkno
     corridor.see(at("t1", 2.5, 0.2), times=unknown)
     corridor.see(at("t1", 2.5, 0.2, 2.5 if unknown < 10 else None), times=30)
     assert (GREETING in corridor.said) == greets
+
+
+@pytest.mark.parametrize(("faces", "waits"), [(False, False), (True, True), (None, True)])
+def test_a_detector_that_searches_no_faces_is_not_waited_for(faces, waits):
+    corridor = Corridor()
+    corridor.faces = faces
+    corridor.see(times=10)
+    corridor.see(at("t1", 2.5, 0.2), times=8)
+    assert (GREETING not in corridor.said) == waits
+
+
+def test_without_faces_the_direction_of_walkers_promises_no_face():
+    corridor = Corridor()
+    corridor.faces = False
+    corridor.see(at("t9", 5.8, 1.5, 0.1))  # the direction that a walker faces
+    corridor.see(at("t1", 4.5, 0.2), times=20)
+    assert corridor.said == [GREETING]
