@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
-from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, hush, percentile, run, run_all
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, hush, percentile, run, run_kinds
 from socialbot.agents.hospital.plans import DISINFECT, mission, ward
 from socialbot.agents.teams.missions import Policy
 from socialbot.planning.htn.planner import TaskPlanner
@@ -82,12 +82,6 @@ def grown(rooms: int, robots: int) -> Story:
     """Return a story in which all rooms of a ward need disinfection at once."""
     pairs = robots // 2
     return Story(0, GROWN_RATE, rooms=rooms, spots=pairs, uvds=pairs, every_s=0.0, pause_s=PAUSE_S)
-
-
-def play_all(kinds: dict[str, list[Story]], jobs: int | None) -> dict[str, list[Result]]:
-    """Run all stories in ``jobs`` processes."""
-    results = iter(run_all(play, [(story,) for some in kinds.values() for story in some], jobs))
-    return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
 
 
 def grow(sizes: Sequence[tuple[int, int]]) -> list[Result]:
@@ -239,7 +233,7 @@ def main(
     scale = scale if seeds is None else Scale(seeds, scale.other, scale.killed, scale.sizes, scale.times)
     report = Report("hospital at scale", quick)
     add_planning(report, scale.times)
-    results = play_all(stories(scale), jobs)
+    results = run_kinds(play, stories(scale), jobs)
     wards = grow(scale.sizes)
     add_runs(report, results)
     add_growth(report, wards)

@@ -144,12 +144,9 @@ class SwitchedHosts:
 
 
 @dataclass(frozen=True)
-class RoutedHosts:
-    """Hosts ``robot`` and ``workstation`` in two subnets with a router between them."""
-
+class _Pair:
     robot: Host
     workstation: Host
-    router: str
 
     @property
     def machines(self) -> Mapping[str, Host]:
@@ -158,16 +155,14 @@ class RoutedHosts:
 
 
 @dataclass(frozen=True)
-class TwoHosts:
+class RoutedHosts(_Pair):
+    """Hosts ``robot`` and ``workstation`` in two subnets with a router between them."""
+
+    router: str
+
+
+class TwoHosts(_Pair):
     """Hosts ``robot`` and ``workstation`` with their cable."""
-
-    robot: Host
-    workstation: Host
-
-    @property
-    def machines(self) -> Mapping[str, Host]:
-        """The hosts by the names of machines of a deployment."""
-        return {"robot": self.robot, "workstation": self.workstation}
 
     def limit(self, mbit_s: float, *, queue_ms: int = 50) -> None:
         """Limit each direction to ``mbit_s`` Mbit/s; drop packets queued for more than ``queue_ms``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
 import platform
@@ -30,6 +31,7 @@ QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under
 JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
 DomainOption = Annotated[int, typer.Option(min=0, max=101, help="ROS domain of the run; it must be unused.")]
 
+R = TypeVar("R")
 T = TypeVar("T")
 
 PAGE_WIDTH = 140
@@ -294,3 +296,9 @@ def run_all(
     with Bar(text, len(arguments)) as bar:
         cores = len(os.sched_getaffinity(0))
         return run_in_processes(function, arguments, jobs or cores, initializer=hush, done=bar.advance)
+
+
+def run_kinds(function: Callable[[R], T], kinds: Mapping[str, Sequence[R]], jobs: int | None) -> dict[str, list[T]]:
+    """Call ``function`` for all arguments in ``jobs`` processes, and return the results by kind; see `run_all`."""
+    results = iter(run_all(function, [(one,) for some in kinds.values() for one in some], jobs))
+    return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}

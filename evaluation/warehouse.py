@@ -8,7 +8,6 @@ verifies each step of each agent. The exit code is 1 if a requirement is not met
 
 from __future__ import annotations
 
-import itertools
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run, run_all
+from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run, run_kinds
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Result, Story, play, troubled
 
@@ -57,12 +56,6 @@ def stories(scale: Scale) -> dict[str, list[Story]]:
         TROUBLED: [troubled(seed) for seed in range(scale.troubled)],
         LARGE: [Story(seed, boxes=24) for seed in range(scale.large)],
     }
-
-
-def play_all(kinds: dict[str, list[Story]], jobs: int | None) -> dict[str, list[Result]]:
-    """Run all stories in ``jobs`` processes."""
-    results = iter(run_all(play, [(story,) for some in kinds.values() for story in some], jobs))
-    return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
 
 
 # Results
@@ -195,7 +188,7 @@ def main(
     scale = scale if seeds is None else Scale(seeds, scale.troubled, scale.large, scale.times, scale.decisions)
     report = Report("warehouse", quick)
     add_planning(report, scale)
-    results = play_all(stories(scale), jobs)
+    results = run_kinds(play, stories(scale), jobs)
     add_runs(report, results)
     report.finish(json)
     tell_what_went_wrong(results, Console(highlight=False))

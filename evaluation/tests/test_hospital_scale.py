@@ -23,12 +23,11 @@ from evaluation.hospital_scale import (
     add_runs,
     grown,
     killed,
-    play_all,
     stories,
     tell_what_went_wrong,
 )
 from evaluation.hospital_scale_runs import Kill, Result, Run, Story, play, violations
-from evaluation.report import Report
+from evaluation.report import Report, run_kinds
 from socialbot.agents.hospital.ward.ward import PROBLEMS, drawn_problems, large_ward
 from socialbot.agents.teams.messages import ActionCommand, ActionResult
 
@@ -148,7 +147,7 @@ def test_a_ward_without_possible_actions_stands_still():
 @pytest.mark.slow
 def test_runs_side_by_side_come_in_the_order_of_their_stories():
     kinds = {PLAIN: [SMALL], KILLED: [replace(SMALL, rate=0.0), replace(SMALL, seed=2)]}
-    results = play_all(kinds, 2)
+    results = run_kinds(play, kinds, 2)
     assert [one.story for one in results[PLAIN]] == kinds[PLAIN]
     assert [one.story for one in results[KILLED]] == kinds[KILLED]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from evaluation.report import Report
+from evaluation.report import Report, run_kinds
 from evaluation.warehouse import (
     HASTY,
     LARGE,
@@ -15,7 +15,6 @@ from evaluation.warehouse import (
     TROUBLED,
     Scale,
     add_runs,
-    play_all,
     stories,
     tell_what_went_wrong,
 )
@@ -114,7 +113,7 @@ def test_no_process_is_killed_while_another_is_down():
 @pytest.mark.slow
 def test_runs_side_by_side_come_to_the_same_as_one_after_the_other():
     kinds = {"short": [Story(seed, limit_s=12.0, faults="5 leaves carrier_a") for seed in (1, 2)]}
-    side_by_side = play_all(kinds, jobs=2)["short"]
+    side_by_side = run_kinds(play, kinds, jobs=2)["short"]
     one_by_one = [play(story) for story in kinds["short"]]
     assert [replace(one, processor_s=0) for one in side_by_side] == [replace(one, processor_s=0) for one in one_by_one]
     assert not any(one.over for one in one_by_one)

@@ -135,7 +135,6 @@ CONDITIONS = st.one_of(
     st.builds(lambda term, kind: ("EX", i(term, kind)), TERMS, st.sampled_from(["", "thing", "base", "carrier"])),
 )
 CLAUSES = st.lists(CONDITIONS, max_size=4)
-BASES = st.sampled_from(["base_1", "start"])
 NAMES = st.sampled_from(sorted(OBJECTS))
 FACTS = st.lists(
     st.one_of(

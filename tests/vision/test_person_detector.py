@@ -109,9 +109,6 @@ def opencv_threads():
 BLANK = np.zeros((480, 640, 3), np.uint8)
 
 
-WIDTH_M = 0.6 * PERSON_HEIGHT_M / 1.70
-
-
 def distance_of(
     camera: CameraModel,
     box: np.ndarray,

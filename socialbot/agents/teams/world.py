@@ -14,6 +14,7 @@ from socialbot.agents.teams.messages import (
     CANCELLED,
     CANCELS,
     COMMANDS,
+    PARTNER_ABSENT,
     RESULTS,
     STATE,
     ActionCancel,
@@ -28,7 +29,6 @@ from socialbot.planning.htn.domain import TaskDomain, TaskState
 
 ALL_SENSORS = "state"
 """Name that stands for all sensors of a world."""
-PARTNER_ABSENT = "partner absent"
 PARTNER_WAIT_S = 10.0
 """Longest wait of a joint action for the other agents."""
 

@@ -32,6 +32,7 @@ from socialbot.agents.waldo.waldo import (
     DoNothing,
     GreetPeople,
     OfferHelp,
+    SilentAction,
     engages,
     gone,
     greeted,
@@ -82,18 +83,12 @@ class WakeUp(Goal):
     """Wake up."""
 
 
-class fallAsleep(Action):
+class fallAsleep(SilentAction):
     """Lower the head."""
 
-    def execute(self) -> None:
-        self.engine.robot.act(self)
 
-
-class wakeUp(Action):
+class wakeUp(SilentAction):
     """Raise the head and follow people."""
-
-    def execute(self) -> None:
-        self.engine.robot.act(self)
 
 
 class Clarified(Goal):

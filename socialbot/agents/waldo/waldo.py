@@ -155,18 +155,19 @@ class speak(Action):
         robot.act(self, situation, robot.sentence(situation))
 
 
-class stayIdle(Action):
+class SilentAction(Action):
+    """Action of the body alone."""
+
+    def execute(self) -> None:
+        self.engine.robot.act(self)
+
+
+class stayIdle(SilentAction):
     """Say nothing and centre the head."""
 
-    def execute(self) -> None:
-        self.engine.robot.act(self)
 
-
-class attend(Action):
+class attend(SilentAction):
     """Say nothing and follow people with the head."""
-
-    def execute(self) -> None:
-        self.engine.robot.act(self)
 
 
 OVERTAKEN_S = 1.0

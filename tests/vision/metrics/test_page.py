@@ -5,7 +5,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -14,11 +13,10 @@ from socialbot.runs.evaluation_tables import PAPER, markdown, paper_scene, show,
 from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
-from socialbot.vision.metrics.scores import BandScore, PrecisionRecallCurve, Score
+from socialbot.vision.metrics.scores import BandScore, Score
 from tests.runs.pages import headings
 from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, evaluated, with_band
 
-CURVE = PrecisionRecallCurve(np.array([0.1, 0.5, 0.9]), np.array([1.0, 0.9, 0.6]), np.array([0.9, 0.5, 0.1]))
 BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
 
 

@@ -22,7 +22,6 @@ from tests.vision.metrics.scenes import drawn_bag, evaluated, frame, person, see
 
 REFERENCE = Path(__file__).with_name("reference")
 RATES = ("mota", "motp", "idf1", "idp", "idr", "hota", "deta", "assa", "loca")
-COUNTS = ("hits", "false", "missed", "switches", "fragments", "mostly_tracked", "mostly_lost")
 
 
 def tracks(*frames: str, overlap=0.8) -> TrackingScore:

@@ -20,7 +20,6 @@ from socialbot.agents.hospital.ward.messages import (
     LOW_AT,
     LOW_BATTERY,
     NURSE_ABSENT,
-    PARTNER_ABSENT,
     PERSON_IN_ROOM,
     AgentState,
     RoomState,
@@ -43,7 +42,7 @@ from socialbot.agents.hospital.ward.ward import (
     drawn_problems,
     length,
 )
-from socialbot.agents.teams.messages import CANCELLED, ActionResult
+from socialbot.agents.teams.messages import CANCELLED, PARTNER_ABSENT, ActionResult
 from socialbot.core.clock import SECOND, nanoseconds
 
 PATIENCE_S = 10.0

@@ -25,11 +25,7 @@ CLOSED_DOOR = "closed door"
 LOW_BATTERY = "low battery"
 PERSON_IN_ROOM = "person in the room"
 NURSE_ABSENT = "nurse absent"
-"""Reasons of failures that are due to the state of the ward."""
-
-PARTNER_ABSENT = "partner absent"
-CANCELLED = "cancelled"
-"""Other reasons of failures. For an invalid command the reason is a sentence."""
+"""Reasons of failures that are due to the state of the ward. For an invalid command the reason is a sentence."""
 
 LOW_AT = 0.2
 """Charge below which a battery is low; 1 is full."""
