@@ -239,12 +239,20 @@ class Conversations:
         """Forget the conversation of a person who has left; whether there was one."""
         return self._talks.pop(person, None) is not None
 
-    def look(self, frames: Sequence[Frame], present: Container[str]) -> Iterator[tuple[str, str, bool]]:
-        """Return the changes by ``frames`` for people who are ``present``: person, reason, and whether it begins."""
+    def look(
+        self, frames: Sequence[Frame], present: Container[str], visitors: Container[str] = ()
+    ) -> Iterator[tuple[str, str, bool]]:
+        """Return the changes by ``frames`` for people who are ``present``: person, reason, and whether it begins.
+
+        ``visitors`` of unknown direction face the robot.
+        """
         if not frames or frames[-1].stamp - frames[0].stamp < nanoseconds(_TALK_S):
             return
         now, latest = frames[-1].stamp, frames[-1].near
         standing = {name: one for name in latest if (one := _standing(frames, name)) is not None}
+        for name, one in standing.items():
+            if one.facing_rad is None and name in visitors:
+                standing[name] = one._replace(facing_rad=0.0)
         for name, (other, gap_m) in _pairs(standing).items():
             if name in present:
                 if name not in self._talks:

@@ -198,6 +198,7 @@ class PersonSensor(Sensor):
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
         self._engaged: set[str] = set()
         self._coming: set[str] = set()
+        self._came: set[str] = set()  # those who engage, and have walked up to the robot
         self._in_view: dict[str, int] = {}  # time (ns) from which each of them has been in view without a gap
         # Whether faces are detected, so that one may be waited for; None until the detector or the first person tells.
         self._sees_faces: bool | None = None
@@ -269,6 +270,7 @@ class PersonSensor(Sensor):
             self._changed,
             self._engaged,
             self._coming,
+            self._came,
             self._in_view,
             self._conversations,
             self._bearings,
@@ -314,13 +316,17 @@ class PersonSensor(Sensor):
         lost = [one for one in self._lost if one in self._gone] if self._alone is None else []
         for person in dict.fromkeys(person for frame in self._frames for person in frame.near):
             if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
-                self._there[person] = now + nanoseconds(self._config.help_after_s)
+                other = None if person in self._gone else self._same_place(person, now)
+                stays_at = now + nanoseconds(self._config.help_after_s)
+                if other is not None:  # A person who goes on under another id has stayed since the first one.
+                    stays_at = self._there.get(other, stays_at) or now
+                self._there[person] = stays_at
                 why = self._shown(person, self._config.appear_s)
                 self._changed[person] = now
                 yield (+present(person)).because(why)
                 if self._gone.pop(person, None) is not None:
                     yield (-gone(person)).because(why)
-                elif (other := self._same_place(person, now)) is not None:
+                elif other is not None:
                     where = f"{person} is where {other} was seen {(now - self._seen_at[other]) / SECOND:.1f} s before"
                     yield (+returned(person, other)).because(where)
                 else:
@@ -338,7 +344,11 @@ class PersonSensor(Sensor):
             return None
         near = []
         for other, (x, y) in self._places.items():
-            if other not in self._frames[-1].near and 0 < now - self._seen_at[other] < nanoseconds(_RENAMED_S):
+            if (
+                other != person
+                and other not in self._frames[-1].near
+                and 0 < now - self._seen_at[other] < nanoseconds(_RENAMED_S)
+            ):
                 seconds = (now - self._seen_at[other]) / SECOND
                 vx, vy = self._strides.get(other, (0.0, 0.0))
                 near.append((math.dist(here, (x + vx * seconds, y + vy * seconds)), other))
@@ -346,7 +356,9 @@ class PersonSensor(Sensor):
         return other if distance < _RENAMED_M else None
 
     def _converse(self) -> Iterator[Event]:
-        for person, why, begins in self._conversations.look(self._frames, self._there):
+        self._came &= self._engaged
+        visitors = self._came if self._sees_faces is False else ()
+        for person, why, begins in self._conversations.look(self._frames, self._there, visitors):
             yield ((+converses(person)) if begins else (-converses(person))).because(why)
 
     def _attend(self) -> Iterator[Event]:
@@ -375,6 +387,7 @@ class PersonSensor(Sensor):
                 self._engaged.add(person)
                 if path.is_walk if path is not None else is_new and placed:
                     self._coming.add(person)
+                    self._came.add(person)
                     yield (+comes(person)).because(why)
                 yield (+engages(person)).because(why)
             elif engaged and share < 0.25:

@@ -13,7 +13,7 @@ from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig, comes, engag
 from socialbot.bdi.engine import Engine
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.messages import PersonDetection, PersonDetections
-from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, GREETING, Corridor, person
+from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, GREETING, OFFER, Corridor, offers, person
 
 DISTANT_BEN = person(FAR, "t2")
 TENTATIVE = replace(person(track=""), tentative=True)
@@ -391,3 +391,32 @@ def test_without_faces_the_direction_of_walkers_promises_no_face():
     corridor.see(at("t9", 5.8, 1.5, 0.1))  # the direction that a walker faces
     corridor.see(at("t1", 4.5, 0.2), times=20)
     assert corridor.said == [GREETING]
+
+
+@pytest.mark.parametrize("faces", [False, True])
+def test_visitors_beside_each_other_do_not_converse_for_lack_of_faces(faces):
+    corridor = Corridor()
+    corridor.faces = faces
+    corridor.see(times=10)
+    for tenth in range(28):
+        corridor.see(*(at(track, 5.2 - 0.12 * tenth, left, 0.1) for track, left in (("t1", -0.5), ("t2", 0.5))))
+    corridor.until(14.0, at("t1", 1.9, -0.5), at("t2", 1.9, 0.5))
+    assert (OFFER in corridor.said) != faces, "faces that are searched and not found are turned aside"
+
+
+def test_people_who_stand_together_converse_without_faces():
+    corridor = Corridor()
+    corridor.faces = False
+    corridor.see(at("t1", 3.3, 2.6), at("t2", 3.3, 1.7), times=8)
+    corridor.until(14.0, at("t1", 3.3, 2.6), at("t2", 3.3, 1.7))
+    assert any("converses" in record.what for record in corridor.trace if record.kind == "belief")
+    assert OFFER not in corridor.said
+
+
+@pytest.mark.parametrize("seconds", [5.0, 9.0], ids=["before an offer is due", "after it"])
+def test_a_person_whose_track_changes_has_stayed_since_the_first_one(seconds):
+    corridor = Corridor()
+    corridor.until(seconds, at("t1", 2.0, 0.1, 0.1))
+    corridor.see(times=5)
+    corridor.until(20.0, at("t2", 2.1, 0.2, 0.1))
+    assert offers(corridor) == [pytest.approx(8.5, abs=0.1)]
