@@ -86,9 +86,9 @@ class Scene:
     arguments: tuple[str, ...]
 
 
-def load_faults(path: Path = FAULTS) -> list[Fault]:
-    """Return the faults in a file."""
-    return [Fault(**each) for each in YAML(typ="safe").load(path)]
+def load_faults() -> list[Fault]:
+    """Return the faults of `FAULTS`."""
+    return [Fault(**each) for each in YAML(typ="safe").load(FAULTS)]
 
 
 def scenes(folder: Path) -> dict[str, Scene]:

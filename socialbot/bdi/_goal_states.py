@@ -64,10 +64,10 @@ class GoalStates:
         self._announced[id(notes)] = notes
         return (kind, trigger, args, notes, cause)
 
-    def executing(self, goal: Request, reason: Any = "") -> None:
+    def executing(self, goal: Request) -> None:
         """Report a goal with a plan; only questions are not ``executing``, as in Jason."""
         if goal[1].key[1] == "!":
-            self.tell(goal, "executing", reason)
+            self.tell(goal, "executing")
         self._finish_replaced()
 
     def finished(self, goal: Request | None, state: str) -> None:

@@ -10,6 +10,7 @@ from socialbot.bdi import Atom, Belief, Engine, Goal, LongAction, SingletonBelie
 from socialbot.bdi.saving import restore, save
 from socialbot.core.clock import ManualClock
 from socialbot.deliberation.facts import FactBase
+from socialbot.testing import run_engine
 from tests.deliberation.domains import YARD, i, n, p
 
 X, Y = variables("X Y")
@@ -45,15 +46,6 @@ def seen(engine):
     for key in ("at/1", "mood/1"):
         engine.beliefs.watch(key, lambda args, held, cause: changes.append((args, held)))
     return changes
-
-
-def let_pass(engine, seconds):
-    end = engine.clock.now() + round(seconds * 1e9)
-    engine.run_until_idle()
-    while (due := engine.next_wakeup()) is not None and due <= end:
-        engine.clock.set(due)
-        engine.run_until_idle()
-    engine.clock.set(end)
 
 
 def test_a_watcher_is_notified_of_addition_and_deletion(engine, seen):
@@ -119,7 +111,7 @@ def test_failing_watcher_does_not_stop_others(engine, seen):
 def test_watched_beliefs_raise_events(engine, seen):
     engine.add_rules(+at(X) >> [+mood(X)], +at("home").held_for(2) >> [+mood("bored")])
     engine.believe(at("home"))
-    let_pass(engine, 3)
+    run_engine(engine, 3)
     assert sorted(str(held.belief) for held in engine.beliefs) == ['at("home")', 'mood("bored")']
 
 
@@ -127,9 +119,9 @@ def test_attempt_reports_its_end(engine):
     ends = []
     engine.add_rules(go(X) >> [walk(X)])
     engine.call(lambda: engine.attempt(go("home"), ends.append, cause="me"))
-    let_pass(engine, 4)
+    run_engine(engine, 4)
     assert ends == []
-    let_pass(engine, 2)
+    run_engine(engine, 2)
     assert ends == [None]
     assert engine.trace.sink.find("goal")[0].cause == "me"
 
@@ -145,12 +137,12 @@ def test_dropped_attempt_reports_when_its_action_has_stopped(engine):
     ends, begun = [], []
     engine.add_rules(go(X) >> [walk(X)])
     engine.call(lambda: begun.append(engine.attempt(go("home"), ends.append)))
-    let_pass(engine, 1)
+    run_engine(engine, 1)
     stopped = []
     engine.call(lambda: engine.intentions.drop(begun[0], lambda: stopped.append(engine.clock.now())))
-    let_pass(engine, 0.5)
+    run_engine(engine, 0.5)
     assert (stopped, engine.robot) == ([], ["walks to home", "slows down"])
-    let_pass(engine, 1)
+    run_engine(engine, 1)
     assert stopped == [2_000_000_000]
     assert ends[0].reason == "cancelled"
 

@@ -12,6 +12,7 @@ from socialbot.bdi import Atom, Engine, Trace
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.actions import PlanAction, progress_of, register
+from socialbot.testing import run_engine
 
 
 class Carrier:
@@ -53,11 +54,7 @@ class Lab:
         self.engine.run_until_idle()
 
     def until(self, seconds):
-        end = round(seconds * SECOND)
-        while (due := self.engine.next_wakeup()) is not None and due <= end:
-            self.clock.set(due)
-            self.engine.run_until_idle()
-        self.clock.set(end)
+        run_engine(self.engine, seconds - self.clock.now() / SECOND)
 
 
 def ended(lab):

@@ -8,6 +8,7 @@ from socialbot.bdi import Engine, Trace
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation.messages import AgentReply, AgentRequest
 from socialbot.deliberation.requests import REPEAT_S, RequestClient
+from socialbot.testing import run_engine
 from tests.deliberation.domains import p
 from tests.deliberation.office import job
 
@@ -30,11 +31,7 @@ class Post:
         return self.clock.now() / SECOND - 5
 
     def until(self, seconds: float) -> None:
-        end = round((seconds + 5) * SECOND)
-        while (due := self.engine.next_wakeup()) is not None and due <= end:
-            self.clock.set(due)
-            self.engine.run_until_idle()
-        self.clock.set(end)
+        run_engine(self.engine, seconds - self.now)
 
     def reply(self, asked, **more) -> bool:
         known = {"id": asked.request.id, "sender": asked.request.receiver, "receiver": "crane", "accepted": True}

@@ -32,10 +32,10 @@ def daemon() -> Iterator[DaemonServer]:
         yield server
 
 
-def examined(folder: Path, url: str, more: str = "") -> tuple[int, dict[str, dict[str, Any]]]:
+def examined(folder: Path, url: str) -> tuple[int, dict[str, dict[str, Any]]]:
     """Exit code and findings by name, for a Reachy Mini at ``url``."""
     profile = folder / "mini.yaml"
-    profile.write_text(f"like: reachy_mini\nurl: {url}\n{more}")
+    profile.write_text(f"like: reachy_mini\nurl: {url}\n")
     done = socialbot_here("doctor", "--robot", profile, "--json")
     return done.returncode, {each["name"]: each for each in json.loads(done.stdout)["findings"]}
 

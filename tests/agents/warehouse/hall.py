@@ -143,6 +143,6 @@ def hall_with_carrier(**parameters: Any) -> Hall:
     return Hall(NodeConfig("carrier_a", Carrier, parameters))
 
 
-def to_be_in(place: str, priority: float, name: str = "") -> Desire:
+def to_be_in(place: str, priority: float) -> Desire:
     wanted = (Fact(name="in", params=("carrier_a", place)),)
-    return Desire(name=name or f"go_to_{place}", value=wanted, priority=priority, deadline=20.0)
+    return Desire(name=f"go_to_{place}", value=wanted, priority=priority, deadline=20.0)
