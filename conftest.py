@@ -8,7 +8,6 @@ from __future__ import annotations
 import gc
 import logging
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -38,7 +37,6 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(claim.close)
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; there is no screen
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
 
 
 def pytest_collection_finish() -> None:
@@ -69,10 +67,18 @@ def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> Non
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_tests(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A cache for the workers of a test run and a state folder for each, apart from those of the user."""
+    """A cache for the workers of a test run, and folders of states and logs for each, apart from those of the user."""
     own = tmp_path_factory.getbasetemp()
+    os.environ["ROS_LOG_DIR"] = str(own / "ros-log")
     os.environ["XDG_STATE_HOME"] = str(own / "state")
     os.environ["SOCIALBOT_CACHE"] = str((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache")
+
+
+@pytest.fixture(scope="module")
+def other_domain() -> Iterator[int]:
+    """A ROS domain beside that of the tests, which no other run on this machine uses."""
+    with own_domain(environment={}) as domain:
+        yield domain
 
 
 @pytest.fixture(autouse=True)

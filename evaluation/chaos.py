@@ -40,7 +40,6 @@ from socialbot.core.process_guard import CHILDREN_S, END_S, guarded, report_aliv
 VIOLATION_EXIT = 1
 INSIDE = "SOCIALBOT_CHAOS_INSIDE"
 GRAPHS = ("waldo", "warehouse", "hospital")
-FIRST_DOMAIN = 71
 BETWEEN_S = (1.0, 6.0)  # time between two faults
 DISK = "24m"
 LATE_S = 5.0  # tolerated delay of a guard on a busy machine
@@ -106,7 +105,9 @@ def chaos(
     chance, begun = random.Random(seed), time.monotonic()
     late: list[str] = []
     with guarded(), ExitStack() as stack, (folder / "events.jsonl").open("w") as events:
-        subjects = [stack.enter_context(_running(folder, name, number, late)) for number, name in enumerate(graphs)]
+        domains = [stack.enter_context(environment.own_domain(environment={})) for _ in graphs]
+        started = (_running(folder, name, domain, late) for name, domain in zip(graphs, domains, strict=True))
+        subjects = [stack.enter_context(each) for each in started]
         check = Check(subjects)
         site = Site(subjects, isolated=INSIDE in os.environ)
         possible = [kind for kind in kinds if not FAULTS[kind].needs_isolation or site.isolated]
@@ -153,8 +154,8 @@ def chaos(
 
 
 @contextmanager
-def _running(folder: Path, name: str, number: int, violations: list[str]) -> Iterator[Subject]:
-    """``socialbot up`` of a graph in a ROS domain of its own; add what its end violates."""
+def _running(folder: Path, name: str, domain: int, violations: list[str]) -> Iterator[Subject]:
+    """``socialbot up`` of a graph in the ROS ``domain``; add what its end violates."""
     own = folder / name
     own.mkdir()
     disk, scratch = own / "disk", own / "tmp"
@@ -168,7 +169,7 @@ def _running(folder: Path, name: str, number: int, violations: list[str]) -> Ite
         arguments += ["--camera", write_pictures(own / "pictures", SCENE)]
         settings = {**SETTINGS, "bdi_engine.forget_after_s": "4.0"}
         arguments += [word for setting, value in settings.items() for word in ("--set", f"{setting}={value}")]
-    variables = {"ROS_DOMAIN_ID": str(FIRST_DOMAIN + number), "SOCIALBOT_FOLDERS": str(folder), "TMPDIR": str(scratch)}
+    variables = {"ROS_DOMAIN_ID": str(domain), "SOCIALBOT_FOLDERS": str(folder), "TMPDIR": str(scratch)}
     try:
         library, clock = build_library(own), own / "clock"
         set_clock(clock, 0)
@@ -184,7 +185,7 @@ def _running(folder: Path, name: str, number: int, violations: list[str]) -> Ite
             stdout=log,
             stderr=log,
         )
-    subject = Subject(name, FIRST_DOMAIN + number, process, own, disk, clock)
+    subject = Subject(name, domain, process, own, disk, clock)
     try:
         with subject.observed():
             yield subject

@@ -21,6 +21,7 @@ from rich.console import Console
 
 from evaluation.faults_plan import Plan, Skipped, busy_processes
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
+from socialbot.bridge.environment import own_domain
 from socialbot.core.errors import ParameterError, SocialbotError, suggestion
 
 
@@ -193,7 +194,7 @@ def try_all(rows: Mapping[str, Row], report: Report, plan: Plan) -> None:
 def main(
     only: OnlyOption = "",
     quick: QuickOption = False,
-    domain: DomainOption = 51,
+    domain: DomainOption = None,
     json: JsonOption = None,
     out: OutOption = None,
     load: LoadOption = 0,
@@ -204,8 +205,8 @@ def main(
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     report = Report("faults", quick)
     report.add("busy_processes", "busy processes beside the rows", load)
-    with busy_processes(load):
-        try_all(rows, report, Plan(folder.resolve(), domain, lambda line: console.print(line, markup=False), quick))
+    with busy_processes(load), own_domain(domain) as own:
+        try_all(rows, report, Plan(folder.resolve(), own, lambda line: console.print(line, markup=False), quick))
     report.finish(json)
     report.check()
 

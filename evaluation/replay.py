@@ -40,7 +40,6 @@ from socialbot.vision.detectors import DETECTORS, DetectorSettings
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.person_detector import PersonDetector
 
-DOMAIN = 78
 BAG = Path("data/synthetic/corridor")
 PASSES = 2
 QUICK_S = 4.0
@@ -240,10 +239,11 @@ def main(
     bag: Annotated[Path, typer.Argument(help="The bag to replay.")] = BAG,
     json: JsonOption = None,
     quick: QuickOption = False,
-    domain: DomainOption = DOMAIN,
+    domain: DomainOption = None,
 ) -> None:
     """Measure inline replay against a bare loop, and compare a replay through ROS with it."""
-    measure(bag, domain, quick=quick).finish(json)
+    with environment.own_domain(domain) as own:
+        measure(bag, own, quick=quick).finish(json)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,10 @@ JsonOption = Annotated[
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
 JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
-DomainOption = Annotated[int, typer.Option(min=0, max=101, help="ROS domain of the run; it must be unused.")]
+DomainOption = Annotated[
+    int | None,
+    typer.Option(min=0, max=101, help="ROS domain, unused by others; default: ROS_DOMAIN_ID, or a free one."),
+]
 
 R = TypeVar("R")
 T = TypeVar("T")

@@ -23,7 +23,7 @@ import numpy as np
 
 from socialbot.bridge.detached_seals import digest, seal_topic
 from socialbot.bridge.diagnostics import DiagnosticsSubscriber
-from socialbot.bridge.environment import KEYS_VARIABLE, free_domain, spinning_node, wait_for
+from socialbot.bridge.environment import KEYS_VARIABLE, own_domain, spinning_node, wait_for
 from socialbot.bridge.keys import load_keys, new_key
 from socialbot.bridge.security import Stream
 from socialbot.bridge.transport import open_transport
@@ -118,9 +118,8 @@ class Cost:
 
 def measure(kind: str, rate_hz: float, seconds: float) -> Cost:
     """Run the node, the sender and a flood of one ``kind`` in a domain of their own."""
-    own = str(free_domain())
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
+        own, folder = str(stack.enter_context(own_domain(environment={}))), Path(name)
         new_key("robot", folder / "keys")
         (folder / "graph.yaml").write_text(GRAPH.replace("FILE", str(folder / "delays")))
         os.environ["ROS_DOMAIN_ID"] = own

@@ -31,7 +31,6 @@ from socialbot.graph.ports import Delivery
 from socialbot.runtime.launch import Launch
 from socialbot.vision.images import ImageConverter
 
-DOMAIN = 77
 RATE_HZ = 30.0
 PERIOD_MS = 1000 / RATE_HZ
 SLOW_S = 0.08
@@ -259,9 +258,10 @@ def _ms(values: list[float], share: float) -> float | None:
     return None if found is None else round(found, 2)
 
 
-def main(json: JsonOption = None, quick: QuickOption = False, domain: DomainOption = DOMAIN) -> None:
+def main(json: JsonOption = None, quick: QuickOption = False, domain: DomainOption = None) -> None:
     """Measure the way from camera to action: latency, lost and stale frames, memory and processor time."""
-    measure(8.0 if quick else 30.0, domain, quick=quick).finish(json)
+    with environment.own_domain(domain) as own:
+        measure(8.0 if quick else 30.0, own, quick=quick).finish(json)
 
 
 if __name__ == "__main__":

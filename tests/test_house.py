@@ -100,6 +100,52 @@ def test_such_code_would_be_found(tmp_path, code):
     assert len(list(dangers(path))) == 1
 
 
+DOMAIN = re.compile(r"'ROS_DOMAIN_ID'(: |, )'\d+'|DRIVERS(_VARIABLE|')(: |, )'\d+:|\bfree_domain\(")
+
+
+def fixed_domains(path: Path) -> Iterator[str]:
+    """Return the ROS domains of tests and fixtures in ``path`` that are literals, or that no lock keeps for them."""
+    tree = ast.parse(path.read_text("utf-8"))
+    marks = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Assign)]
+    everywhere = any("pytestmark" in mark and "mark.ros" in mark for mark in marks)
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        decorators = " ".join(map(ast.unparse, node.decorator_list))
+        body = "\n".join(map(ast.unparse, node.body))
+        if everywhere or "mark.ros" in decorators or "fixture" in decorators:
+            yield from (f"{path.name}:{node.lineno} {found[0]}" for found in DOMAIN.finditer(body))
+
+
+def test_no_test_shares_a_domain_with_other_runs_on_the_machine():
+    """The worker has a domain, and the fixture ``other_domain`` is another one."""
+    tests = Path(__file__).parent
+    paths = [*tests.rglob("*.py"), *(tests.parent / "evaluation").rglob("*.py")]
+    assert len(paths) > 100
+    found = [each for path in paths for each in fixed_domains(path)]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'setenv("ROS_DOMAIN_ID", "42")',
+        'own = {"ROS_DOMAIN_ID": "42"}',
+        'own = {DRIVERS_VARIABLE: "43:/a"}',
+        "free_domain()",
+    ],
+)
+def test_such_domains_would_be_found(tmp_path, code):
+    path = tmp_path / "test_it.py"
+    for mark in ("@pytest.mark.ros", "@pytest.fixture"):
+        path.write_text(f"{mark}\ndef test():\n    {code}\n")
+        assert len(list(fixed_domains(path))) == 1
+    path.write_text(f"pytestmark = pytest.mark.ros\ndef test():\n    {code}\n")
+    assert len(list(fixed_domains(path))) == 1
+    path.write_text(f"def test():\n    {code}\n")
+    assert not list(fixed_domains(path))
+
+
 READS = re.compile(r"\b(read_text|read_bytes|open|load|fromfile|loadtxt|genfromtxt|imread|VideoCapture)\(")
 LIBRARIES = frozenset({
     "json.load", "tomllib.load", "np.load", "np.fromfile", "np.loadtxt", "np.genfromtxt", "cv2.imread",

@@ -12,7 +12,7 @@ import pytest
 
 from socialbot.bags.codec import encode
 from socialbot.bridge.driver_domain import driver_domain
-from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, free_domain, spinning_node
+from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, spinning_node
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.transport import RclpyTypes, open_transport
 from socialbot.core.errors import GraphError, ParameterError
@@ -47,16 +47,17 @@ def driver_node(domain: int) -> Iterator[Any]:
 
 
 @pytest.mark.ros
-def test_a_driver_receives_commands_of_the_guarded_node_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_receives_commands_of_the_guarded_node_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other_domain: int
+) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     new_key("robot", tmp_path / "keys")
     monkeypatch.setenv(KEYS_VARIABLE, str(tmp_path / "keys"))
-    domain = free_domain()
-    monkeypatch.setenv(DRIVERS_VARIABLE, f"{domain}:/standard")
+    monkeypatch.setenv(DRIVERS_VARIABLE, f"{other_domain}:/standard")
     case = CASES["trajectory"]
     ros_class = open_transport().message_class(case.kind)
-    with driver_node(domain) as driver, node_hosts(nodes_of(case)) as host, ExitStack() as stack:
+    with driver_node(other_domain) as driver, node_hosts(nodes_of(case)) as host, ExitStack() as stack:
         received: list[float] = []
         driver.create_subscription(ros_class, "/standard", lambda one: received.append(one.points[0].positions[0]), 10)
         executor = SingleThreadedExecutor(context=driver.context)
@@ -91,17 +92,17 @@ class Caller(Node):
 
 @pytest.mark.ros
 def test_services_and_actions_of_drivers_are_called_in_their_domain_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other_domain: int
 ) -> None:
     """A stranger in the domain of the graph offers the same, and gets no request and no goal."""
     new_key("robot", tmp_path / "keys")
-    domain, own = free_domain(), os.environ["ROS_DOMAIN_ID"]
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    own = os.environ["ROS_DOMAIN_ID"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))
     with foreign_process("tests.bridge.foreign_servers") as driver:
         monkeypatch.setenv("ROS_DOMAIN_ID", own)
         with foreign_process("tests.bridge.foreign_servers"):
             monkeypatch.setenv(KEYS_VARIABLE, str(tmp_path / "keys"))
-            monkeypatch.setenv(DRIVERS_VARIABLE, f"{domain}:/light:/count")
+            monkeypatch.setenv(DRIVERS_VARIABLE, f"{other_domain}:/light:/count")
             services = frozenset({"/light", "/count"})
             graph = Graph("calls", (NodeConfig("caller", Caller),), services=services)
             with node_hosts(graph) as host, spinning_nodes("onlooker") as (onlooker,):
@@ -192,11 +193,11 @@ with spinning_node("driver") as ros:
 
 @pytest.mark.slow
 @pytest.mark.ros
-def test_a_stranger_on_the_network_does_not_reach_a_driver(tmp_path: Path) -> None:
+def test_a_stranger_on_the_network_does_not_reach_a_driver(tmp_path: Path, other_domain: int) -> None:
     """An open subscriber in the same domain receives the stranger, which proves that the messages were sent."""
     driver, opened = tmp_path / "driver.log", tmp_path / "open.log"
-    graph = {"ROS_DOMAIN_ID": "42", DRIVERS_VARIABLE: "43:/joints"}
-    drivers = {"ROS_DOMAIN_ID": "43"}
+    graph = {DRIVERS_VARIABLE: f"{other_domain}:/joints"}
+    drivers = {"ROS_DOMAIN_ID": str(other_domain)}
     with two_hosts() as hosts, ExitStack() as scripts:
         for host, text, log, variables, *arguments in (
             (hosts.robot, DRIVER, driver, CLOSED | drivers),

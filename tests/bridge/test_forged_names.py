@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from socialbot.bridge import discovery
-from socialbot.bridge.environment import KEYS_VARIABLE, free_domain, spinning_node
+from socialbot.bridge.environment import KEYS_VARIABLE, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.recorder import record
@@ -43,8 +43,8 @@ GRAPH = Graph("g", (NodeConfig("head", Head),))
 
 
 @pytest.fixture(autouse=True)
-def apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
+def apart(monkeypatch: pytest.MonkeyPatch, other_domain: int) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))
 
 
 @pytest.fixture(params=[False, True], ids=["open", "keys"])

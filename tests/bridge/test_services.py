@@ -15,7 +15,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from socialbot.bridge import _services
 from socialbot.bridge._service_clients import MAX_FEEDBACK, ActionChannel
-from socialbot.bridge.environment import free_domain
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph import calls
 from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
@@ -525,7 +524,7 @@ def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, mo
 
 
 @pytest.mark.parametrize("way", ["closed", "closed driver", "optional", "declared", "named"])
-def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch, servers):
+def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch, servers, other_domain):
     """Anybody in the network can answer, so the answers count only where somebody has decided so."""
     from socialbot.bridge.keys import new_key
 
@@ -534,7 +533,7 @@ def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch
     if way == "named":
         monkeypatch.setenv("SOCIALBOT_OPEN_TOPICS", "/light")
     if way == "closed driver":  # the graph is open to the network, and so would be its clients of drivers
-        monkeypatch.setenv("SOCIALBOT_DRIVERS", f"{free_domain()}:/light")
+        monkeypatch.setenv("SOCIALBOT_DRIVERS", f"{other_domain}:/light")
         monkeypatch.setenv("ROS_STATIC_PEERS", "127.0.0.2")
 
     class Guarded(Node):

@@ -18,7 +18,7 @@ from socialbot.bridge import stream_watch
 from socialbot.bridge import transport as wires
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsSubscriber
-from socialbot.bridge.environment import free_domain, spinning_node
+from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.qos import QUEUE_DEPTH, subscription_qos
@@ -216,9 +216,11 @@ def test_keys_disable_parameter_services(keys):
         assert [name for name in names if "parameter" in name] == []
 
 
-def test_a_graph_with_keys_has_no_other_endpoints(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graph_with_keys_has_no_other_endpoints(
+    keys: Keys, monkeypatch: pytest.MonkeyPatch, other_domain: int
+) -> None:
     """Each topic of a running graph is sealed, or one of those that docs/security.md calls harmless."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))  # in that of other tests are their endpoints
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))  # in that of other tests are their endpoints
     graph = load_graph("waldo")
     unread = {"/rosout", "/parameter_events", *(f"/{config.name}/transition_event" for config in graph.nodes)}
     with node_hosts(graph, sim_time=True) as host, observer_node() as ros:

@@ -18,7 +18,6 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from socialbot.bridge.environment import free_domain
 from socialbot.bridge.topics import (
     TopicInfo,
     TopicRate,
@@ -241,9 +240,8 @@ class TestSettledTopics:
 
 
 @pytest.fixture(scope="module")
-def domain() -> str:
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    return str(free_domain(range(50 + 5 * (worker % 5), 55 + 5 * (worker % 5))))
+def domain(other_domain: int) -> str:
+    return str(other_domain)
 
 
 @pytest.fixture(autouse=True)

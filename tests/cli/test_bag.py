@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -27,7 +26,6 @@ from tests.vision.drawn import add_person, corridor
 from tests.vision.metrics.scenes import TOP
 
 START = 1_700_000_000 * SECOND
-DOMAIN = int(os.environ["ROS_DOMAIN_ID"]) + 20
 
 
 def run(*arguments: str) -> str:
@@ -98,12 +96,12 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
+def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, other_domain: int) -> int:
     pytest.importorskip("rclpy")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
-    return DOMAIN
+    return other_domain
 
 
 @contextmanager
