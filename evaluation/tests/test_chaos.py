@@ -17,12 +17,15 @@ from evaluation.chaos import VIOLATION_EXIT, _end
 from evaluation.chaos_checks import Check, FairClock, Subject, orphans, waited_s
 from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_plan import busy_processes
+from socialbot.bridge.environment import stale_locks
 from tests.system.running import eventually, next_line
 
 
 @pytest.fixture
-def subject(tmp_path: Path):
+def subject(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A process in the place of ``up``, whose nodes are all well."""
+    # Other runs on this machine leave shared memory in /dev/shm.
+    monkeypatch.setattr(chaos_checks, "stale_locks", lambda: stale_locks(tmp_path))
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     (tmp_path / "run").mkdir()
     made = Subject("waldo", 71, process, tmp_path, tmp_path, None, has_guard=False)

@@ -20,10 +20,11 @@ BEGIN_S = 15.0
 PEERS = 8
 
 PEER = """
-import sys, time
+import signal, sys, time
 from std_msgs.msg import String
 from socialbot.bridge.environment import prepare, spinning_node
 prepare()
+signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # killed, it would leave its shared memory behind
 name, path = sys.argv[1:]
 heard = {}
 with spinning_node(name) as ros:
@@ -54,7 +55,8 @@ def test_processes_that_stood_still_hear_each_other_again(tmp_path: Path) -> Non
         for name in names:
             peers.append(subprocess.Popen([sys.executable, "-c", PEER, name, tmp_path / name]))
             stack.callback(peers[-1].wait)
-            stack.callback(peers[-1].kill)
+            stack.callback(peers[-1].terminate)
+            stack.callback(peers[-1].send_signal, signal.SIGCONT)
         assert eventually(are_complete)
         chance = random.Random(1)
         signals = []
