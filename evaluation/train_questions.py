@@ -28,7 +28,7 @@ from socialbot.runs.asking._questions import candidates
 from socialbot.runs.folder import open_run
 
 WEIGHTS = Path(ranking.__file__).with_name("reading.json")
-UNSEEN = ("new_wordings_16", "new_wordings_17", "new_wordings_18", "new_wordings_19", *SEALED)
+UNSEEN = (*(f"new_wordings_{number}" for number in range(16, 24)), *SEALED)
 """Lists that the weights are not learned from."""
 STEPS, RATE, DECAY = 250, 0.1, 0.9
 PENALTY = 2.0

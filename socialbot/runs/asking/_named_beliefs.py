@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import stem
-from socialbot.runs.asking.languages.synonyms import stems_of_state
+from socialbot.runs.asking.languages.lexicon import is_about
 
 LEAST_FIT = 0.5
 """Least share of the words of a belief's name that a question has to have."""
@@ -37,7 +36,6 @@ def tells_place(name: str) -> bool:
 
 def asked_beliefs(reading: Reading, subjects: Subjects) -> Iterator[AskedBelief]:
     """Yield the beliefs that the words of a question may ask for."""
-    stems = {place: stem(word) for place, word in enumerate(reading.words)}
     is_where = reading.has("where") or {"which", "room"} <= set(reading.words)
     for name in subjects.belief_names:
         parts = _parts(name)
@@ -47,8 +45,7 @@ def asked_beliefs(reading: Reading, subjects: Subjects) -> Iterator[AskedBelief]
         places: set[int] = set()
         matched = 0
         for part in parts:
-            known = stems_of_state(part, reading.language.code)
-            own = {place for place, word in stems.items() if word in known}
+            own = {n for n, word in enumerate(reading.words) if is_about(word, reading.language.code, part)}
             matched += bool(own)
             places |= own
         if parts and matched / len(parts) >= LEAST_FIT:

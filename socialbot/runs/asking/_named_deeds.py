@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity, stem, tokens
+from socialbot.runs.asking._words import ALIKE, likeness, similarity, stem, tokens
 from socialbot.runs.asking.languages import INTERROGATIVES
-from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
+from socialbot.runs.asking.languages.lexicon import Meaning, Named, done_by, found_in, meanings, named_meanings
 
 Evidence = Mapping[str, float]
 
@@ -21,8 +21,6 @@ _SOFT = (
 """Classes whose words may be parts of a deed: "do nothing", "say hello", "come to base"."""
 _LONGEST_ASKING = 5
 """Most letters of interrogatives that are nothing else."""
-_MOST_BETWEEN = 3
-"""Most words between the parts of a synonym: ``let the visitor in``."""
 _NEAR_S = 2.0
 _VERB = 0.78
 """Share of the first word of a loose phrase in its likeness."""
@@ -79,11 +77,12 @@ def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], sta
     asking = sorted(place for name in INTERROGATIVES for place in reading.places(name))
     free |= {place for place in asking[1:] if len(reading.words[place]) > _LONGEST_ASKING}
     soft = {place for name in _SOFT for place in reading.places(name)}
+    meant = found_in(reading.words, reading.language.code)
     found = [
         each
         for topic in subjects.topics
         for opposite in (False, True)
-        for each in [_named(topic, reading, subjects, things, stamp, free, soft, opposite=opposite)]
+        for each in [_named(topic, reading, subjects, things, stamp, free, soft, meant, opposite=opposite)]
         if each is not None
     ]
     # "Go ahead" is not to go: a phrase outdoes a part of it.
@@ -101,6 +100,7 @@ def _named(
     stamp: int | None,
     free: set[int],
     soft: set[int],
+    meant: Sequence[Named],
     *,
     opposite: bool,
 ) -> NamedDeed | None:
@@ -120,17 +120,19 @@ def _named(
     table = topic.opposites if opposite else topic.words
     for phrase in table.get(code, ()):
         note("opposite" if opposite else "declared", *occurs(phrase, 4))
-    for other in _longest_first(one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)):
-        alike, at = occurs(other, _MOST_BETWEEN)
-        note("opposite" if opposite else "synonym", alike if alike >= FORM else 0.0, at if alike >= FORM else ())
+    alike = {meaning for phrase in table.get(code, ())[:1] for meaning in meanings(phrase, code)}
+    for each in meant:
+        if each.meaning in alike and _is_whole(each.phrase, each.places, words, free, soft):
+            note("opposite" if opposite else "synonym", 1.0, each.places)
     if opposite:
         found = {place for at in places.values() for place in at}
         return NamedDeed(topic, evidence, frozenset(found)) if found else None
     for phrase in topic.loose:
         note("name" if phrase in topic.named_by_argument else "loose", *_loosely(phrase, words, free, soft))
-    if code == "en":
-        for kind, at in _by_synonyms(topic, subjects, occurs):
-            note(kind, 1.0, at)
+    kind, alike = _meanings_of(topic)
+    for each in meant:
+        if each.meaning in alike and _is_whole(each.phrase, each.places, words, free, soft):
+            note(kind, 1.0, each.places)
     done = subjects.acted(topic)
     if things and (fitting := max((len({*things} & {*arguments_of(one.what)}) for one in done), default=0)):
         evidence["thing"] = fitting / len(things)
@@ -148,21 +150,16 @@ def _named(
     return NamedDeed(topic, evidence, frozenset(found))
 
 
-def _longest_first(phrases: Iterable[Phrase]) -> list[Phrase]:
-    """Return phrases in an order in which the whole precedes its part: ``get round to`` before ``get to``."""
-    return sorted({*phrases}, key=lambda each: (-len(each), each))
+def meanings_of(subjects: Subjects) -> Set[Meaning]:
+    """Return the meanings of the deeds that a run can be asked about."""
+    return frozenset[Meaning]().union(*(_meanings_of(topic)[1] for topic in subjects.topics))
 
 
-def _by_synonyms(topic: Topic, subjects: Subjects, occurs) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield the places of synonyms of the verb of a deed, and of verbs for what its words do: names are English."""
+def _meanings_of(topic: Topic) -> tuple[str, Set[Meaning]]:
+    """Return the kind of evidence that a deed is meant, and the meanings of its name or of what its words do."""
     if topic.is_saying:
-        kind, others = "act", acts_of(tokens(" ".join(arguments_of(topic.name))))
-    else:
-        kind, others = "synonym", (one for phrase in topic.loose for one in synonyms(phrase[:1], "en"))
-    for other in _longest_first(others):
-        alike, at = occurs(other, _MOST_BETWEEN)
-        if alike >= FORM:
-            yield kind, at
+        return "act", done_by(tokens(" ".join(arguments_of(topic.name))))
+    return "synonym", frozenset[Meaning]().union(*(named_meanings(phrase[0]) for phrase in topic.loose))
 
 
 def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:

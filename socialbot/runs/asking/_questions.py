@@ -24,7 +24,7 @@ from socialbot.runs.asking._clauses import (
 from socialbot.runs.asking._doer import is_done_by_people
 from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
 from socialbot.runs.asking._named_beliefs import asked_beliefs
-from socialbot.runs.asking._named_deeds import NamedDeed, named_deeds
+from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of, named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
     Quantity,
@@ -49,8 +49,7 @@ from socialbot.runs.asking._word_classes import (
     words_of_deeds,
 )
 from socialbot.runs.asking._words import FORM, NUMBER_WORDS, occurrences, quoted_tokens, stem, tokens
-from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
-from socialbot.runs.asking.languages.synonyms import synonyms
+from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
 
 Kind = Literal[
     "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed",
@@ -105,13 +104,17 @@ _INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden",
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
 """Words that anybody says."""
-_MOVING = frozenset(stem(one[0]) for one in (("move",), *synonyms(("move",), "en")))
+_MOVING = lexicon.meanings(("move",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _MOST_BETWEEN = 2
 """Most words between the parts of a verb: ``leave anyone out``."""
+_LEXICON_WORD = 7
+"""Least length of a mistyped word that is spelled as the lexicon has it: shorter ones resemble too many."""
+_OF_LEXICON = 0.5
+"""Weight of a word of the lexicon for the language of a question, beside words of its grammar."""
 _LONG = 5
 """Least length of a word that is heard as two."""
 
@@ -261,7 +264,11 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     known = {code: _known_words(subjects, LANGUAGES[code]) for code in codes}
     # The letter of t1 is no French word.
     whole = [one for one, after in zip(words, [*words[1:], ""], strict=True) if len(one) > 1 or not after.isdigit()]
-    exact = {code: sum(word in known[code] for word in whole) for code in codes}
+    exact = {
+        code: sum(1.0 if word in known[code] else _OF_LEXICON * (word in lexicon.words(code)) for word in whole)
+        + any(letter in LANGUAGES[code].letters for letter in text.lower())
+        for code in codes
+    }
     own = [code for code in codes if exact[code] == max(exact.values())]
     return [
         each
@@ -281,7 +288,12 @@ def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> l
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
-    spelled = [corrected(word, known, subjects.names, asking) for word in words]
+    meant = lexicon.words(language.code)
+    spelled = [corrected(word, known, subjects.names | meant, asking) for word in words]
+    spelled = [
+        corrected(word, meant, subjects.names) if word not in known and len(word) >= _LEXICON_WORD else word
+        for word in spelled
+    ]
     spelled = subjects.named_in(language.code, spelled)
     return without_matrix(_joined(spelled, known), language)
 
@@ -492,8 +504,11 @@ def _release_deeds(reading: Reading, subjects: Subjects) -> None:
     declared = {stem(phrase[0]) for phrase in phrases if len(phrase) == 1} - set(
         map(stem, reading.language.auxiliaries)
     )
+    code, meant = reading.language.code, meanings_of(subjects)
     here = reading.found.get("here", ())
-    kept = [each for each in here if not any(stem(reading.words[n]) in declared for n in each[1])]
+    kept = [each for each in here if not any(
+        stem(reading.words[n]) in declared or not meant.isdisjoint(lexicon.meanings((reading.words[n],), code))
+        for n in each[1])]  # fmt: skip
     reading.taken -= set(reading.places("here")) - {n for _, places in kept for n in places}
     reading.found["here"] = kept
 
@@ -511,6 +526,8 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
                 by_people=not quoted and _are_doers(found, deed.places, subjects),
                 unknown=tuple(found.reading.words[place] for place in unknown),
             )  # fmt: skip
+            if found.reading.has("start") and "why_not" not in asked:  # a vague time
+                question = replace(question, at_s=None, ordinal=question.ordinal or 1)
             for kind in (one for one in _OF_DEEDS if one in asked):
                 yield Candidate(replace(question, kind=kind), found, deed, 0)
     asked = _kinds(found)
@@ -604,7 +621,7 @@ def _has_other_object(deed: NamedDeed, found: Found) -> bool:
 def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
     """Return whether a particle changes the meaning of a verb: ``check in``, but not ``drive in``."""
     is_particle = PARTICLES.issuperset(words[1:2]) and words[1:] and not is_named and words[2:3] not in _OBJECT_BEGINS
-    return bool(is_particle) and stem(words[0]) not in _MOVING
+    return bool(is_particle) and _MOVING.isdisjoint(lexicon.meanings((words[0],)))
 
 
 def _words_heard(found: Found, subjects: Subjects) -> tuple[str, ...]:
@@ -638,7 +655,7 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
     places = set() if deed is None else deed.places
     is_opposite = deed is not None and deed.is_opposite
     is_denied = reading.has("silent") or not places.issuperset(reading.places("not"))
-    if reading.has("fail"):
+    if reading.has("fail") or (deed is None and reading.has("outcome") and not classes):
         kinds.add("failed")
     if "why" in kinds and (is_denied or is_opposite):
         kinds.add("why_not")

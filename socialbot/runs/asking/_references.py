@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -129,6 +129,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
                 reading.taken |= set(places)
                 if name == "start" and _names_person(reading, places[0]):
                     return None, False, PersonReference(ordinal=1)
+                reading.found.setdefault(name, []).append((1.0, places))
                 return value, False, None
     return None, False, None
 
@@ -182,6 +183,9 @@ _DEFINITE = {
     "the", "that", "this", "der", "die", "das", "den", "dem", "diesen", "diesem", "diese", "le", "la", "l", "ce",
     "cette", "cet", "el", "al", "ese", "esa", "este", "esta",
 }  # fmt: skip
+_PLURAL = {"aux", "les", "des", "los", "las", "those", "these"}
+_BOTH = {"beiden"}
+_RELATIVE = {"who", "that", "die", "qui", "que"}
 _BETWEEN = ("at", "past", "here", "them", "filler")
 """Classes of the words between a person and the time that describes them: ``the man who was here at 12 s``."""
 
@@ -418,4 +422,17 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
                 is_group = is_meant and counted[0] == 2.0 and words[n - 3] != "of"
             if is_group:
                 return PersonReference(together=True)  # "the two people", "the couple"
+        elif _is_pair(words, n) and n not in reading.taken:
+            reading.taken.add(n)
+            reading.found.setdefault("people", []).append((1.0, (n,)))
+            return PersonReference(together=True)
     return None
+
+
+def _is_pair(words: Sequence[str], place: int) -> bool:
+    """Return whether a word is that for two people whom a relative clause describes: ``the two who came in``."""
+    is_definite = place > 0 and words[place - 1] in _DEFINITE | _PLURAL
+    counted = number_at(words, place)
+    following = words[place + 1 :] if words[place] in _BOTH else words[place + 1 : place + 2]
+    is_two = words[place] in _BOTH or (counted is not None and counted[0] == 2.0)
+    return is_definite and is_two and not _RELATIVE.isdisjoint(following)

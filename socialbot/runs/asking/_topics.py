@@ -11,8 +11,7 @@ from functools import cached_property
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
 from socialbot.runs.asking._words import ALIKE, FORM, folded, name_tokens, similarity, stem, tokens
-from socialbot.runs.asking.languages import ENGLISH
-from socialbot.runs.asking.languages.synonyms import synonyms
+from socialbot.runs.asking.languages import ENGLISH, LANGUAGES, lexicon
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.why import actions, call_of
@@ -201,7 +200,28 @@ class Subjects:
                 pairs = zip(phrase, result[n : n + len(phrase)], strict=True)
                 if all(word.startswith(one) and word.removeprefix(one) in _PLURAL for one, word in pairs):
                     result[n : n + len(phrase)] = name
-        return result
+        own = LANGUAGES[language].known_words | self.names
+        for each in lexicon.found_in(result, language):
+            known = self._words_by_meaning.get(each.meaning)
+            is_whole = each.places[-1] - each.places[0] < len(each.places) == len(each.phrase)
+            if known and is_whole and own.isdisjoint(result[n] for n in each.places):
+                result[each.places[0]] = known
+                for n in each.places[1:]:
+                    result[n] = ""
+        return [word for word in result if word]
+
+    @cached_property
+    def _words_by_meaning(self) -> Mapping[lexicon.Meaning, str]:
+        """Words in the names of things, agents and deeds by what they mean, unless a verb begins with them."""
+        verbs = {phrase[0] for topic in self.topics for phrase in topic.loose}
+        beside = {word for topic in self.topics for phrase in topic.loose for word in phrase[1:]}
+        words = sorted((self.names | beside) - verbs, reverse=True)
+        return {
+            meaning: word
+            for word in words
+            for meaning in lexicon.named_meanings(word)
+            if lexicon.section_of(meaning) == "things"
+        }
 
     def _names_in(self, language: str) -> list[tuple[Phrase, Phrase]]:
         """Return phrases for names in a language with the names, the longest ones first."""
@@ -351,10 +371,9 @@ class Subjects:
         counted = [word for word in words if word not in _UNCOUNTED] or list(words)
         if not said or not counted:
             return 0.0
-        stems = set(map(stem, said))
+        meant = frozenset().union(*map(lexicon.named_meanings, said))
         shared = (
-            max(similarity(word, other) for other in said) > alike
-            or any(len(one) == 1 and stem(one[0]) in stems for one in synonyms((word,), ENGLISH.code))
+            max(similarity(word, other) for other in said) > alike or not meant.isdisjoint(lexicon.named_meanings(word))
             for word in counted
         )
         return sum(shared) / len(counted)

@@ -8,8 +8,7 @@ from difflib import SequenceMatcher
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.asking._words import HEARD, occurrences, sound, stem
-from socialbot.runs.asking.languages import INTERROGATIVES, Language
-from socialbot.runs.asking.languages.synonyms import lexicon
+from socialbot.runs.asking.languages import INTERROGATIVES, Language, lexicon
 
 _ONLY_EXACT = {
     "fail",
@@ -92,7 +91,7 @@ def classify(reading: Reading, domain: Set[str]) -> None:
                     or (name not in _ONLY_EXACT and len(phrase[0]) > 2 and _is_alike(alike))
                 ):
                     matches.append((alike, len(phrase), name, places))
-    meant = {place for place, word in enumerate(reading.words) if word in lexicon(reading.language.code)}
+    meant = {place for place, word in enumerate(reading.words) if word in lexicon.words(reading.language.code)}
     matches = [each for each in matches if each[0] >= _STEM or not meant.intersection(each[3])]
     exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}
     matches = [each for each in matches if each[0] > _EXACT or not exact.intersection(each[3]) or each[1] > 1]

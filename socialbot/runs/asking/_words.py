@@ -102,7 +102,7 @@ _IRREGULAR = {
         "go": "went gone goes going", "do": "did done does doing", "take": "took taken", "drive": "drove driven",
         "give": "gave given", "say": "said", "tell": "told", "see": "saw seen", "get": "got", "come": "came",
         "bring": "brought", "leave": "left", "hold": "held", "begin": "began", "choose": "chose", "make": "made",
-        "send": "sent", "find": "found", "tidy": "tidied tidies", "carry": "carried carries", "speak": "spoke spoken",
+        "send": "sent", "find": "found", "speak": "spoke spoken",
         "keep": "kept", "stand": "stood", "let": "letting", "put": "putting", "set": "setting",
     }.items()
     for form in forms.split()
@@ -113,6 +113,8 @@ _IRREGULAR = {
 def stem(word: str) -> str:
     """Return a word without its ending, the same for most forms of a verb or noun."""
     word = _IRREGULAR.get(word, word)
+    if word.endswith(("ies", "ied")) and len(word) >= _LONG:
+        word = f"{word[:-3]}y"  # "verified"
     ending = "s"
     while ending:
         fits = ((each, len(word) - len(each) - (2 if each in _WEAK_ENDINGS else 0)) for each in _ENDINGS)

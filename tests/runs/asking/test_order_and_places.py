@@ -12,6 +12,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
 from socialbot.runs.asking import answer
+from socialbot.runs.asking._answers import facts_of
 from socialbot.runs.asking._facts import Facts
 from socialbot.runs.asking._questions import candidates
 from socialbot.runs.asking._topics import Subjects
@@ -63,6 +64,27 @@ def visits():
                 yield msgspec.structs.replace(one, x=x, facing_rad=2.9 if name == "t3" else 0.2)
 
     return run_of(seen, 40.0)
+
+
+@pytest.mark.parametrize(
+    ("question", "language"),
+    [
+        ("What did you say to the two who came in?", "en"),
+        ("Was hast du den beiden gesagt, die hereinkamen?", "de"),
+        ("Qu'as-tu dit aux deux qui sont venus ?", "fr"),
+        ("¿Qué les dijiste a los dos que vinieron?", "es"),
+    ],
+)
+def test_two_whom_a_clause_describes_came_together(visits, question, language):
+    subjects = facts_of(visits).subjects
+    readings = [each.question for each in candidates(question, subjects, language)]
+    assert any(each.person is not None and each.person.together for each in readings)
+
+
+@pytest.mark.parametrize("question", ["Why were you idle at the beginning?", "Warum warst du am Anfang untätig?"])
+def test_beginning_is_the_first_time_of_a_deed(visits, question):
+    (clause, *_) = answer(visits, question).clauses
+    assert (clause.claim.kind, clause.claim.at_s) == ("did", 15.9)
 
 
 def calls(found) -> list[str]:

@@ -63,6 +63,24 @@ def test_synonym_reaches_the_deed_of_the_agent_in_question(yard, question, at_s)
 
 
 @pytest.mark.parametrize(
+    ("question", "at_s"),
+    [
+        ("Hast du Bob kontrolliert?", 4),
+        ("Wann hat der Greifer die Kiste a1 aufgehoben?", 0),
+        ("Quand guard_a a-t-il contrôlé Bob ?", 4),
+        ("¿Cuándo revisó guard_a a Bob?", 4),
+        ("Wann wurde carrier_a entladen?", 3),
+        ("Quand carrier_a a-t-il été déchargé ?", 3),
+        ("¿Cuándo se descargó carrier_a?", 3),
+    ],
+)
+def test_deeds_and_things_with_english_names_are_asked_for_in_other_languages(yard, question, at_s):
+    found = answer(yard, question)
+    assert found.known
+    assert f"{at_s} s" in found.text
+
+
+@pytest.mark.parametrize(
     "question",
     [
         "Did carrier a throw its load?",

@@ -9,7 +9,7 @@ from socialbot.runs.asking._clauses import without_matrix
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._words import similarity, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
-from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
+from socialbot.runs.asking.languages.lexicon import done_by, meanings, named_meanings
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
 
@@ -232,9 +232,9 @@ def test_requests_and_deeds_of_people_are_refused(waldo, question):
 
 
 def test_synonyms_are_known_for_the_names_of_actions():
-    assert ("grab",) in synonyms(("pickup",), "en")
-    assert ("sanitise",) in synonyms(("disinfects",), "en")
-    assert synonyms(("nonsense",), "en") == frozenset()
+    assert meanings(("grab",)) & named_meanings("pickup")
+    assert meanings(("sanitise",)) & named_meanings("disinfects")
+    assert meanings(("nonsense",)) == frozenset()
 
 
 @pytest.mark.parametrize(
@@ -268,9 +268,10 @@ def test_words_that_only_resemble_the_grammar_are_not_answered(waldo, question):
 
 
 def test_words_that_do_a_deed_have_its_verbs() -> None:
-    assert ("let", "in") in acts_of(tokens("Come in, Ann"))
-    assert ("refuse",) in acts_of(tokens("You stay outside: the badge is unknown"))
-    assert acts_of(tokens("I am coming")) == frozenset()
+    assert meanings(("let", "in")) <= done_by(tokens("Come in, Ann"))
+    assert meanings(("turn", "away")) <= done_by(tokens("You stay outside: the badge is unknown"))
+    assert meanings(("admit",)) <= done_by(tokens("Kommen Sie herein, Ann"))
+    assert done_by(tokens("I am coming")) == frozenset()
 
 
 def test_number_of_deeds_in_a_statement_is_checked(waldo) -> None:

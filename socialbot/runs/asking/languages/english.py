@@ -88,12 +88,13 @@ ENGLISH = Language(
         "outcome": (
             "end,ended,ends,finish,finished,succeed,succeeded,success,successful,successfully,complete,completed,outcome,"
             "result,go well,went well,work out,worked out,according to plan,accomplish,accomplished,achieve,achieved,"
-            "over,break down,broke down,come to an end,came to an end"
+            "over,come to an end,came to an end,go smoothly,went smoothly,go according to plan,in order"
         ),
         "fail": (
             "go wrong,goes wrong,went wrong,gone wrong,going wrong,fail,failed,failure,failures,problem,problems,"
             "trouble,error,errors,fault,mistake,mistakes,difficulty,difficulties,not work,no good,run into,ran into,"
-            "unsuccessful"
+            "unsuccessful,break down,broke down,broken down,accident,accidents,incident,incidents,hitch,hitches,"
+            "get stuck,got stuck,crash,crashed"
         ),
         "wish": "looking for,look for,looked for,interested in,wish for",
         "say": (

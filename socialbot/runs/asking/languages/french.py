@@ -30,9 +30,15 @@ FRENCH = Language(
         "do": "fais,faites,faire,fait,faisais,occupe,fabriques,reagi",
         "happen": "passe,arrive,passait,produit",
         "next": "ensuite,apres,prochaine,prochain,suite,suivant",
-        "plan": "comptes,prevois,veux,vas,allez,intention,but,objectif,plan,voulez,feras,projet",
-        "outcome": ("fin,fini,finie,termine,terminee,reussi,reussie,succes,resultat,accompli"),
-        "fail": "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte",
+        "plan": (
+            "comptes,comptais,prevois,prevu,prevoyais,veux,voulais,vas,allais,allez,intention,but,objectif,plan,voulez,"
+            "feras,projet"
+        ),
+        "outcome": (
+            "fin,fini,finie,termine,terminee,reussi,reussie,succes,resultat,accompli,bien passe,bien passee,bien marche"
+        ),
+        "fail": "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte,mal tourne,"
+        "accident,incident,panne,souci,soucis",
         "say": "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles",
         "here": (
             "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"
@@ -184,4 +190,5 @@ FRENCH = Language(
         participle=re.compile(".*(?<!er)"),
         second=re.compile(".*[sxz]"),
     ),
+    letters="àâçèêëîïôûùœ",
 )

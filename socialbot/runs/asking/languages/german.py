@@ -35,11 +35,13 @@ GERMAN = Language(
         "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
         "plan": "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst",
         "outcome": (
-            "ende,endete,beendet,fertig,erfolg,erfolgreich,gelungen,gelang,geschafft,geklappt,ergebnis,abgeschlossen"
+            "ende,endete,beendet,fertig,erfolg,erfolgreich,gelungen,gelang,geschafft,geklappt,ergebnis,abgeschlossen,"
+            "gut gelaufen,gut gegangen,glatt gelaufen,glatt gegangen,nach plan"
         ),
         "fail": (
             "schief,schiefgegangen,schiefgelaufen,fehler,problem,probleme,gescheitert,scheitern,scheiterte,misslungen,"
-            "fehlgeschlagen,schwierigkeiten"
+            "fehlgeschlagen,schwierigkeiten,panne,pannen,unfall,unfalle,zwischenfall,zwischenfalle,storung,"
+            "hangen geblieben"
         ),
         "say": "sagst,gesagt,sagen,sagtest,gesprochen,sagte,satz,worte,satze",
         "here": (
@@ -199,4 +201,5 @@ GERMAN = Language(
         third=word_set("hat haben hatte hatten"),
         participle=re.compile(".*t|.*ge.*en"),
     ),
+    letters="äöüß",
 )

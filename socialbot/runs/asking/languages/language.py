@@ -57,6 +57,8 @@ class Language:
     """Alternatives, separated by commas; an alternative may have several words."""
     sentences: Mapping[str, str]
     voices: Voices
+    letters: str = ""
+    """Letters and signs that no other language has."""
 
     @cached_property
     def phrases(self) -> dict[str, tuple[tuple[str, ...], ...]]:

@@ -23,9 +23,15 @@ SPANISH = Language(
         "do": "haces,hiciste,hacer,hecho,hacias,haras,hace,ocupado,haciendo,reaccionaste",
         "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
         "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
-        "plan": "planeas,piensas,quieres,vas a,intencion,objetivo,plan,meta,pretendes,haras",
-        "outcome": ("fin,termino,terminado,terminada,exito,logrado,logro,resultado,acabo,acabado"),
-        "fail": "problema,problemas,fallo,fallar,fallado,fallaste,error,salio mal,dificultad",
+        "plan": (
+            "planeas,planeabas,piensas,pensabas,quieres,querias,ibas a,vas a,intencion,objetivo,plan,meta,pretendes,"
+            "haras"
+        ),
+        "outcome": (
+            "fin,termino,terminado,terminada,exito,logrado,logro,resultado,acabo,acabado,salio bien,fue bien,ido bien"
+        ),
+        "fail": "problema,problemas,fallo,fallar,fallado,fallaste,error,salio mal,fue mal,ido mal,dificultad,"
+        "accidente,incidente,averia",
         "say": "dices,dijiste,decir,dicho,hablaste,frase,palabras",
         "here": (
             "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
@@ -175,4 +181,5 @@ SPANISH = Language(
         participle=re.compile(".*d[oa]s?"),
         second=re.compile(".*(s|ste)"),
     ),
+    letters="¿¡ñáíóú",
 )
