@@ -171,8 +171,6 @@ class Check:
         self._faults: list[tuple[float, float]] = []
         self._pids: dict[str, dict[str, int]] = {}
         self._may_end = ("", "")
-        self._stale_before = frozenset(stale_locks())
-        """Segments that others left on this machine."""
         self.checks = 0
         self.observed_anew = 0
         """How often DDS blocked an observer of this check."""
@@ -197,7 +195,7 @@ class Check:
                 found.append(f"{subject.name}: up ended with code {code} after {fault}")
             found += [f"{subject.name}: {what} after {fault}" for what in (*_trace(subject), *self._speech(subject))]
         found += [f"{what} without a cause at {fault}" for what in self._restarted(may)]
-        if (stale := len(set(stale_locks()) - self._stale_before)) > MOST_STALE:
+        if (stale := sum(1 for _ in stale_locks())) > MOST_STALE:
             found.append(f"{stale} segments of shared memory of ended processes after {fault}")
         found += [f"orphan after {fault}: {orphan}" for orphan in orphans(self._subjects)]
         found += [f"{what} after {fault}" for what in self._growth()]

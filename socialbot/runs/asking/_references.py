@@ -20,7 +20,7 @@ from socialbot.runs.asking._words import (
     stem,
     tokens,
 )
-from socialbot.runs.asking.languages import Language
+from socialbot.runs.asking.languages import Language, lexicon
 
 Quantity = Literal["times", "others", ""]
 """What a question asks about the number of deeds: how many times, or to which or how many others."""
@@ -217,7 +217,9 @@ def _order(word: str, language: Language) -> int | None:
         return spoken  # "the fird visitor"
     forms = ((similarity(word[: len(each)], each), similarity(word[:-1], each[:-1]), number) for each, number in known)
     alike, number = max((max(one, other), number) for one, other, number in forms)
-    is_form = len(word) > 4 and alike >= _ALIKE_ORDINAL and word not in language.known_words
+    is_form = (
+        len(word) > 4 and alike >= _ALIKE_ORDINAL and word not in (language.known_words | lexicon.words(language.code))
+    )
     return number if alike == 1.0 or is_form else None
 
 

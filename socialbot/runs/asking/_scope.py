@@ -310,6 +310,8 @@ class Scope:
 
     def _left_out(self, people: Sequence[str] | None = None) -> list[str]:
         """Return the people whom the deed in question never concerned."""
+        if self.topic is not None and not self.topic.concerns_people:
+            return []
         people = self._known_people() if people is None else people
         return [one for one in people if not any(one in self.facts.concerned(each) for each in self.deeds)]
 

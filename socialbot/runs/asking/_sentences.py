@@ -227,8 +227,8 @@ class Speech:
             is_named = bool(agent) or self.is_single
             text = f"{self.subject(agent) if is_named else 'nobody'} "
             text += f"did not {infinitive(sentence)}" if is_named else past(sentence)
-        claim = Claim("did_not", agent, topic.calls, *span, persons=(*persons, *things))
-        return Clause(text, (), claim)
+        named = persons if topic.declared is None or topic.concerns_people else ()
+        return Clause(text, (), Claim("did_not", agent, topic.calls, *span, persons=(*named, *things)))
 
     def _partly(self, topic: Topic, things: Sequence[str]) -> str:
         """Return the sentence of a deed with only some of its arguments, each in the place of its kind."""

@@ -278,6 +278,8 @@ class Whether(Scope):
         and if they are synonyms and only other agents do it: a carrier that "drops off" does not put boxes down.
         """
         things = set(self.question.things)
+        if self.question.ordinal is not None and self.of_persons(self.deeds):
+            return None  # It was done, but not so often.
         done = self.subjects.done(self.topic) if self.topic is not None else []
         by_agent = [each for each in done if self.agent in ("", record_agent(self.history, each))]
         tried = [each.id for each in self.in_time(by_agent) if things and things <= self.things_behind(each)]

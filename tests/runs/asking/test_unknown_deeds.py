@@ -237,3 +237,16 @@ def test_a_person_is_none_of_several_agents(yard):
 )
 def test_the_last_deed_with_a_thing_tells_where_it_is(yard, question, at_s):
     assert [clause.claim.at_s for clause in answer(yard, question).clauses] == [at_s]
+
+
+def test_deed_that_was_done_is_not_denied_for_another_number(yard):
+    assert not answer(yard, "Who checked Bob the ninth time?").known
+
+
+def test_words_of_a_deed_are_no_misheard_number():
+    run = RunView(
+        None,
+        History([TraceRecord(stamp=0, id="a", source="guard_a", kind="action", what='say("Good night.")')]),
+        None,
+    )
+    assert answer(run, "Who said good night?").text == 'At 0 s I said "Good night.".'
