@@ -19,6 +19,7 @@ PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONT
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"(?<![\w./'-])socialbot ((?:[a-z][a-z0-9-]*)(?:[^`\n]*))")
+RULE = re.compile(r"by its rule '(\S+).*' \(waldo\.py:(\d+)\)")
 OPTION = re.compile(r"(?<!\S)(--[a-z][a-z-]*|-[a-z])(?=[\s=`]|$)")
 
 
@@ -159,3 +160,10 @@ def test_the_rules_in_the_readme_are_waldos():
     source = {line.strip() for line in (ROOT / "socialbot/agents/waldo/waldo.py").read_text("utf-8").splitlines()}
     assert len(rules) >= 3
     assert [line for line in rules if line not in source] == []
+
+
+def test_shown_lines_of_rules_are_those_of_the_code():
+    code = text_of(ROOT / "socialbot" / "agents" / "waldo" / "waldo.py").splitlines()
+    shown = [found for page in PAGES for found in RULE.findall(text_of(page))]
+    assert shown
+    assert [(rule, number) for rule, number in shown if rule not in code[int(number) - 1]] == []
