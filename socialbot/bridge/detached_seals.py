@@ -47,7 +47,7 @@ def digest(cdr: bytes) -> str:
 
 
 def head(cdr: bytes) -> str:
-    """Size of a serialised message and digest of its beginning, by which the seal of a large message is found."""
+    """Size of a serialised message, and digest of its beginning: a cheap way to find its seal."""
     return f"{len(cdr)}:{hashlib.sha256(cdr[:HEAD_BYTES]).hexdigest()}"
 
 

@@ -318,7 +318,7 @@ class PersonSensor(Sensor):
             if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
                 other = None if person in self._gone else self._same_place(person, now)
                 stays_at = now + nanoseconds(self._config.help_after_s)
-                if other is not None:  # A person who goes on under another id has stayed since the first one.
+                if other is not None:  # The same person under another id: the stay goes on.
                     stays_at = self._there.get(other, stays_at) or now
                 self._there[person] = stays_at
                 why = self._shown(person, self._config.appear_s)

@@ -526,7 +526,7 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
                 by_people=not quoted and _are_doers(found, deed.places, subjects),
                 unknown=tuple(found.reading.words[place] for place in unknown),
             )  # fmt: skip
-            if found.reading.has("start") and "why_not" not in asked:  # a vague time
+            if found.reading.has("start") and "why_not" not in asked:  # that is its first time, whenever it was
                 question = replace(question, at_s=None, ordinal=question.ordinal or 1)
             for kind in (one for one in _OF_DEEDS if one in asked):
                 yield Candidate(replace(question, kind=kind), found, deed, 0)

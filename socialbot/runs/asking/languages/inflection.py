@@ -1,7 +1,7 @@
 """Forms of German, French and Spanish verbs and nouns that occur in questions; words have no accents.
 
 These are not all forms of a word: questions to a robot have infinitives, participles, and forms of the second and third
-person. Forms that do not exist do no harm, since nobody writes them.
+person. Some of the forms do not exist. They do no harm, since nobody writes them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _STRONG = {
         "bleiben blieb geblieben", "weichen wich gewichen", "waschen wusch gewaschen", "tun tat getan",
         "ginnen gann gonnen", "schmeissen schmiss geschmissen", "stossen stiess gestossen", "bergen barg geborgen",
         "lingen lang lungen", "scheiden schied geschieden", "kennen kannte gekannt", "rennen rannte gerannt",
-        "schreiten schritt geschritten", "heissen hiess geheissen", "denken dachte gedacht", "messen mass gemessen",
+        "schreiten schritt geschritten", "heissen hiess geheissen", "denken dachte gedacht",
         "weigern weigerte weigert", "sperren sperrte gesperrt", "leihen lieh geliehen", "wissen wusste gewusst",
         "durfen durfte gedurft darf", "wollen wollte gewollt will", "fressen frass gefressen friss",
         "gessen gass gessen giss", "fehlen fehlte gefehlt",
@@ -100,7 +100,7 @@ _FRENCH = {
         "partir parti part par", "sortir sorti sort sor", "servir servi serv ser", "dormir dormi dorm dor",
         "naitre nu naiss nai", "eindre eint eign ein", "oindre oint oign oin", "truire truit truis trui",
         "cuire cuit cuis cui", "battre battu batt bat", "asseoir assis assey assied", "vouloir voulu voul veu",
-        "rire ri ri ri", "batre battu batt bat",
+        "rire ri ri ri",
     )
 }  # fmt: skip
 """Participle, stem of the imperfect tense, and that of the present tense, of irregular French verbs by their ending."""
@@ -135,7 +135,7 @@ _SPANISH = {
     each.split()[0]: tuple(each.split()[1:])
     for each in (
         "poner puesto pus pong pon", "decir dicho dij dig dic", "hacer hecho hic hag hac hiz",
-        "traer traido traj traig", "ir ido fu v vay ib", "irse ido fu v vay ib",
+        "traer traido traj traig", "ir ido fu v vay ib",
         "venir venido vin veng vien", "dar dado d di",
         "ver visto v ve", "abrir abierto abr", "romper roto romp", "cribir crito crib", "tener tenido tuv teng tien",
         "querer querido quis quier", "ducir ducido duj duzc", "volver vuelto volv vuelv", "salir salido sal salg",
