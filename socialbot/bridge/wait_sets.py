@@ -1,80 +1,164 @@
-"""Fewer and smaller wait sets of rclpy nodes that one thread spins.
+"""An executor of rclpy nodes for a single thread, which keeps its wait set.
 
-rclpy adds two event handlers of each publisher and subscription to each wait set: with 30 endpoints, three quarters of
-the processor time for a message. Events are rare, for instance an incompatible QoS, and may be handled a second later.
-
-An executor of rclpy wakes itself after each callback, for other threads that may wait. A single thread then makes a
-second wait set for each message, in which nothing is ready.
+rclpy makes a wait set for each message, with all entities of its nodes and two event handlers of each publisher and
+subscription, and a task for each callback. It then wakes itself, for other threads that may wait. Here a wait set is
+kept until entities are created or destroyed, and messages and timers call their callbacks directly.
 """
 
 from __future__ import annotations
 
+import inspect
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Generator, Iterable
+from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+    TimeoutObject,
+)
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.utilities import timeout_sec_to_nsec
 
 POLL_PERIOD_S = 1.0
-"""Shortest time (s) between two polls of a node."""
-POLL_S = 0.05
-"""Duration (s) of a poll: of a wait set with the event handlers, and of the calls of those that are ready."""
+"""Shortest time (s) between two looks for QoS events, which are rare, for instance an incompatible QoS."""
+
+KINDS = {
+    "timer": "timers",
+    "subscription": "subscriptions",
+    "guard_condition": "guards",
+    "client": "clients",
+    "service": "services",
+}
+"""Kinds of entities as a wait set names them, and as a node does."""
 
 
-class PollingGroup(CallbackGroup):
-    """Callback group that leaves event handlers out of most wait sets, for an executor with a single thread.
+class _WaitSet:
+    """Entities of nodes in a wait set of rcl. Their handles stay valid until `close`, also if they are destroyed.
 
     Args:
-        clock: Steady clock (s).
+        nodes: The nodes.
+        guards: Guard conditions that only wake the thread.
+        context: The context of the wait set.
+        of_events: Whether it has the handlers of QoS events and nothing else, or all but them.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        super().__init__()
-        self._clock = clock
-        self._polled = clock() - POLL_PERIOD_S
+    def __init__(self, nodes: Collection[Node], guards: Iterable[Any], context: Any, *, of_events: bool) -> None:
+        self.nodes = frozenset(nodes)
+        self._opened = ExitStack()
+        self._entities: dict[str, dict[int, tuple[Any, Node]]] = {}
+        for kind, name in KINDS.items():
+            each = ((entity, node) for node in nodes for entity in getattr(node, name) if not of_events)
+            self._entities[kind] = {one.handle.pointer: (one, node) for one, node in each if self._holds(one.handle)}
+        self._waitables = [
+            (waitable, node)
+            for node in nodes
+            for waitable in node.waitables
+            if isinstance(waitable, EventHandler) == of_events and self._holds(waitable)
+        ]
+        wakes = [guard.handle for guard in guards if self._holds(guard.handle)]
+        inner = [waitable.get_num_entities() for waitable, _ in self._waitables]
+        self._waits = waits = _rclpy.WaitSet(
+            len(self._entities["subscription"]) + sum(each.num_subscriptions for each in inner),
+            len(self._entities["guard_condition"]) + len(wakes) + sum(each.num_guard_conditions for each in inner),
+            len(self._entities["timer"]) + sum(each.num_timers for each in inner),
+            len(self._entities["client"]) + sum(each.num_clients for each in inner),
+            len(self._entities["service"]) + sum(each.num_services for each in inner),
+            sum(each.num_events for each in inner),
+            context.handle,
+        )
+        # rcl takes out what is not ready: all are added again before each wait.
+        self._adds: list[tuple[Callable[[Any], object], Any]] = [
+            (getattr(waits, f"add_{kind}"), entity.handle)
+            for kind, entities in self._entities.items()
+            for entity, _ in entities.values()
+        ]
+        self._adds += [(waits.add_guard_condition, handle) for handle in wakes]
+        self._adds += [(waitable.add_to_wait_set, waits) for waitable, _ in self._waitables]
+        for guard, _ in self._entities["guard_condition"].values():
+            if guard._executor_triggered:  # taken by rcl, but its callback was not called
+                guard.trigger()
 
-    def can_execute(self, entity: Any) -> bool:
-        if not isinstance(entity, EventHandler):
-            return True
-        since = self._clock() - self._polled
-        if since >= POLL_PERIOD_S:
-            self._polled += since
-            return True
-        return since < POLL_S
-
-    def beginning_execution(self, entity: Any) -> bool:
+    def _holds(self, handle: Any) -> bool:
+        try:
+            self._opened.enter_context(handle)
+        except InvalidHandle:  # it was destroyed
+            return False
         return True
 
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing waits for the end: the executor has a single thread."""
-
-
-class PollsEvents:
-    """Base of an rclpy node, before its rclpy class, whose QoS events are polled; its executor has a single thread."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        self._polling_group = PollingGroup()
-        super().__init__(*arguments, **options)
-
     @property
-    def default_callback_group(self) -> CallbackGroup:
-        return self._polling_group
+    def is_empty(self) -> bool:
+        """Whether there is nothing to wait for."""
+        return not self._adds
+
+    def close(self) -> None:
+        """Let go of the entities."""
+        self._opened.close()
+
+    def wait(self, timeout_ns: int) -> None:
+        """Wait until an entity is ready, or for ``timeout_ns``; negative: without limit."""
+        self._waits.clear_entities()
+        for add, entity in self._adds:
+            add(entity)
+        self._waits.wait(timeout_ns)
+
+    def ready(self) -> list[tuple[str, Any, Node]]:
+        """Kind, entity and node of all that were ready at the end of the last `wait`."""
+        found: list[tuple[str, Any, Node]] = [("waitable", *each) for each in self._waitables if each[0].is_ready(self._waits)]
+        for kind, entities in self._entities.items():
+            if entities:
+                pointers = self._waits.get_ready_entities(kind)
+                found += [(kind, *entities[pointer]) for pointer in pointers if pointer in entities]
+        for kind, entity, _ in found:
+            if kind == "guard_condition":
+                entity._executor_triggered = True
+        return found
 
 
-class PollingNode(PollsEvents, Node):
-    """An rclpy node whose QoS events are polled."""
+class _Call:
+    """Call of a callback without a task, in the form that an executor of rclpy expects of one."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self._call = call
+
+    def __call__(self) -> None:
+        self._call()
+
+    def exception(self) -> None:
+        """There is none: it has left the call."""
+
+    def result(self) -> None:
+        """There is none."""
 
 
 class OneThreadExecutor(SingleThreadedExecutor):
-    """Executor that only other threads wake, not the one that spins it: that one waits for nothing meanwhile."""
+    """Executor that a single thread spins; others may add nodes and entities, create tasks, and shut it down.
 
-    def __init__(self, **options: Any) -> None:
+    QoS events are handled up to `POLL_PERIOD_S` later. Callback groups have no effect, as no two callbacks run at once.
+
+    Args:
+        clock: Steady clock (s).
+        options: Those of rclpy.
+    """
+
+    def __init__(self, *, clock: Callable[[], float] = time.monotonic, **options: Any) -> None:
         super().__init__(**options)
+        self._steady_s = clock
+        self._polled_s = clock() - POLL_PERIOD_S
         self._spinning = 0
+        self._is_changed = True
+        self._kept: tuple[_WaitSet, _WaitSet] | None = None
+        self._waiting = threading.Lock()
         guard: Any = self._guard
         trigger = guard.trigger
 
@@ -84,6 +168,122 @@ class OneThreadExecutor(SingleThreadedExecutor):
 
         guard.trigger = from_another_thread
 
-    def spin_once(self, timeout_sec: float | None = None) -> None:
+    def wake(self) -> None:
+        self._is_changed = True
+        super().wake()
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        is_done = super().shutdown(timeout_sec)
+        if self._waiting.acquire(blocking=False):  # or else the thread that waits closes the wait sets
+            try:
+                self._close()
+            finally:
+                self._waiting.release()
+        return is_done
+
+    def _wait_for_ready_callbacks(
+        self, timeout_sec: Any = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = lambda: False
+    ) -> Generator[tuple[Any, Any, Any], None, None]:
+        if nodes is not None:
+            yield from super()._wait_for_ready_callbacks(timeout_sec, nodes, condition)
+            return
         self._spinning = threading.get_ident()
-        super().spin_once(timeout_sec)
+        timeout_ns = timeout_sec_to_nsec(timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec)
+        end_ns = time.monotonic_ns() + timeout_ns
+        while not self._is_shutdown and not condition():
+            is_working = False
+            for task, entity, node in self._unfinished():
+                is_working = True
+                yield task, entity, node
+            left_ns = timeout_ns if timeout_ns < 0 else max(0, end_ns - time.monotonic_ns())
+            for kind, entity, node in self._wait(0 if is_working else left_ns):
+                if self._is_changed or self._is_shutdown:
+                    break  # the entity may be destroyed; what is left is ready in the next wait, too
+                is_working = True
+                yield self._handler(kind, entity, node), entity, node
+            if is_working:
+                return
+            if timeout_ns >= 0 and end_ns <= time.monotonic_ns():
+                raise TimeoutException
+        if self._is_shutdown:
+            raise ShutdownException
+        raise ConditionReachedException
+
+    def _unfinished(self) -> list[tuple[Any, Any, Any]]:
+        if not self._tasks:
+            return []
+        with self._tasks_lock:
+            self._tasks = [each for each in self._tasks if not each[0].done() and not each[0].cancelled()]
+            return [each for each in self._tasks if not each[0].executing()]
+
+    def _wait(self, timeout_ns: int) -> list[tuple[str, Any, Node]]:
+        """Wait for entities of all nodes, and take QoS events when their time has come; return what is ready."""
+        found: list[tuple[str, Any, Node]] = []
+        with self._waiting:
+            if not self._is_shutdown:
+                entities, events = self._wait_sets()
+                context: Any = self._context.handle
+                with context:
+                    now_s = self._steady_s()
+                    if now_s - self._polled_s >= POLL_PERIOD_S and not events.is_empty:
+                        self._polled_s = now_s
+                        events.wait(0)
+                        found += events.ready()
+                    entities.wait(0 if found else timeout_ns)
+                    found += entities.ready()
+            if self._is_shutdown:
+                self._close()
+                raise ShutdownException
+        if not self._context.ok():
+            raise ExternalShutdownException
+        return found
+
+    def _wait_sets(self) -> tuple[_WaitSet, _WaitSet]:
+        if self._is_changed or not self._kept or self._kept[0].nodes != self._nodes:
+            self._is_changed = False  # before the look at the nodes: what changes later is found in the next wait
+            self._close()
+            nodes = self.get_nodes()
+            wakes = [guard for guard in (self._guard, self._sigint_gc) if guard is not None]
+            self._kept = (
+                _WaitSet(nodes, wakes, self._context, of_events=False),
+                _WaitSet(nodes, (), self._context, of_events=True),
+            )
+        return self._kept
+
+    def _close(self) -> None:
+        for each in self._kept or ():
+            each.close()
+        self._kept = None
+
+    def _handler(self, kind: str, entity: Any, node: Node) -> Any:
+        if kind == "subscription":
+            return _Call(partial(self._receive, entity))
+        if kind == "timer":
+            return _Call(partial(self._call_timer, entity))
+        return self._make_handler(entity, node, getattr(self, f"_take_{kind}"))
+
+    def _receive(self, subscription: Any) -> None:
+        try:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        except InvalidHandle:
+            return
+        if taken is None:
+            return
+        is_alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
+        self._finish(subscription.callback(*(taken[:1] if is_alone else taken)))
+
+    def _call_timer(self, timer: Any) -> None:
+        try:
+            with timer.handle:
+                if not timer.handle.is_timer_ready():  # it was cancelled
+                    return
+                timer.handle.call_timer()
+        except InvalidHandle:
+            return
+        self._finish(timer.callback())
+
+    def _finish(self, result: object) -> None:
+        """Run the coroutine that a callback may have returned."""
+        if inspect.iscoroutine(result):
+            self.create_task(result)

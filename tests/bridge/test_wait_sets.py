@@ -1,0 +1,329 @@
+"""The executor with a kept wait set: it hears all that one of rclpy hears, and makes fewer wait sets."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from time import sleep
+from typing import Any
+
+import pytest
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, ShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.utilities import try_shutdown
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from socialbot.bridge.environment import ros_context
+from socialbot.bridge.qos import profile
+from socialbot.bridge.wait_sets import POLL_PERIOD_S, OneThreadExecutor
+from tests.system.running import eventually
+
+pytestmark = pytest.mark.ros
+
+
+class _Spun:
+    """A node with its executor, which the test spins, and a clock (s) of its polls that the test sets."""
+
+    def __init__(self, context: Any) -> None:
+        self.now_s = 100.0
+        self.node = Node("owner", context=context, enable_rosout=False, start_parameter_services=False)
+        self.executor = OneThreadExecutor(context=context, clock=lambda: self.now_s)
+        self.executor.add_node(self.node)
+        self.heard: list[str] = []
+        self.said = self.node.create_publisher(String, "/said", 100)
+
+    def take(self, message: Any) -> None:
+        self.heard.append(message.data)
+
+    def until(self, done: Callable[[], Any]) -> bool:
+        def is_done() -> bool:
+            self.executor.spin_once(timeout_sec=0.02)
+            return bool(done())
+
+        return eventually(is_done)
+
+    def is_hearing(self, word: str) -> bool:
+        """Whether ``word`` is heard, which is said again and again until its subscription is matched."""
+
+        def says() -> bool:
+            self.said.publish(String(data=word))
+            return word in self.heard
+
+        return self.until(says)
+
+    def settle(self, times: int = 20) -> None:
+        for _ in range(times):
+            self.executor.spin_once(timeout_sec=0.01)
+
+
+@pytest.fixture
+def spun() -> Iterator[_Spun]:
+    with ros_context() as context:
+        one = _Spun(context)
+        yield one
+        one.executor.shutdown()
+        one.node.destroy_node()
+
+
+def test_messages_need_no_new_wait_set(spun: _Spun, monkeypatch: pytest.MonkeyPatch):
+    spun.node.create_subscription(String, "/said", spun.take, 100)
+    assert spun.is_hearing("first")
+    made: list[Any] = []
+    wait_set = _rclpy.WaitSet
+    monkeypatch.setattr(_rclpy, "WaitSet", lambda *sizes: made.append(sizes) or wait_set(*sizes))
+    for number in range(20):
+        spun.said.publish(String(data=str(number)))
+    assert spun.until(lambda: spun.heard[-1] == "19")
+    assert [each for each in spun.heard if each != "first"] == [str(each) for each in range(20)]
+    assert not made
+    other = spun.node.create_subscription(String, "/said", spun.take, 100)
+    spun.settle(2)
+    assert len(made) == 2  # for the entities, and for the QoS events
+    spun.node.destroy_subscription(other)
+    spun.settle(2)
+    assert len(made) == 4
+
+
+def test_a_callback_that_ends_its_subscription_hears_nothing_more(spun: _Spun):
+    others = [spun.node.create_subscription(String, "/said", spun.take, 100) for _ in range(3)]
+
+    def end(message: Any) -> None:
+        spun.heard.append(f"end {message.data}")
+        for each in [first, *others]:
+            spun.node.destroy_subscription(each)
+
+    first: Any = spun.node.create_subscription(String, "/said", end, 100)
+    assert spun.is_hearing("word")
+    assert spun.until(lambda: any(each.startswith("end") for each in spun.heard))
+    heard = len(spun.heard)
+    spun.said.publish(String(data="later"))
+    spun.settle()
+    assert len(spun.heard) == heard
+
+
+def test_entities_of_a_callback_are_heard(spun: _Spun):
+    def begin() -> None:
+        timer.cancel()
+        spun.node.create_subscription(String, "/said", spun.take, 100)
+
+    timer = spun.node.create_timer(0.01, begin)
+    assert spun.is_hearing("word")
+    ticks: list[int] = []
+    spun.node.create_timer(0.01, lambda: ticks.append(1))
+    assert spun.until(lambda: len(ticks) >= 3)
+
+
+def test_entities_of_another_thread_are_heard_without_a_timeout(spun: _Spun):
+    ended = threading.Event()
+
+    def spin() -> None:
+        while not ended.is_set():
+            spun.executor.spin_once()
+
+    spinning = threading.Thread(target=spin, daemon=True)
+    spinning.start()
+    sleep(0.1)
+    spun.node.create_subscription(String, "/said", spun.take, 100)
+
+    def is_heard() -> bool:
+        spun.said.publish(String(data="word"))
+        return "word" in spun.heard
+
+    assert eventually(is_heard)
+    ended.set()
+    spun.executor.create_task(lambda: None)
+    spinning.join(30.0)
+    assert not spinning.is_alive()
+
+
+def test_a_cancelled_timer_is_not_called(spun: _Spun):
+    called: list[str] = []
+
+    def first() -> None:
+        called.append("first")
+        second.cancel()
+        timer.cancel()
+
+    timer = spun.node.create_timer(0.01, first)
+    second = spun.node.create_timer(0.01, lambda: called.append("second"))
+    sleep(0.05)  # both are due at once
+    assert spun.until(lambda: called)
+    spun.settle()
+    assert called in (["first"], ["second", "first"])
+
+
+def test_services_and_clients_answer(spun: _Spun):
+    def serve(request: Any, response: Any) -> Any:
+        response.success = request.data
+        return response
+
+    spun.node.create_service(SetBool, "/switch", serve)
+    client = spun.node.create_client(SetBool, "/switch")
+    assert spun.until(client.service_is_ready)
+    answer = client.call_async(SetBool.Request(data=True))
+    spun.executor.spin_until_future_complete(answer, timeout_sec=30.0)
+    response: Any = answer.result()
+    assert response.success
+
+
+def test_guard_conditions_call_back(spun: _Spun):
+    called: list[int] = []
+    guard = spun.node.create_guard_condition(lambda: called.append(1))
+    spun.settle(3)
+    guard.trigger()
+    assert spun.until(lambda: called == [1])
+    spun.settle()
+    assert called == [1]
+
+
+def test_a_guard_condition_survives_a_change_before_its_callback(spun: _Spun):
+    called: list[int] = []
+
+    def change() -> None:
+        called.append(1)
+        spun.node.create_subscription(String, "/said", spun.take, 100)
+
+    first = spun.node.create_guard_condition(change)
+    second = spun.node.create_guard_condition(lambda: called.append(2))
+    spun.settle(3)
+    first.trigger()
+    second.trigger()
+    assert spun.until(lambda: sorted(called) == [1, 2])
+
+
+def test_coroutines_are_run(spun: _Spun):
+    async def note(message: Any) -> None:
+        spun.heard.append(message.data)
+
+    take: Any = note
+    spun.node.create_subscription(String, "/said", take, 100)
+    assert spun.is_hearing("word")
+
+
+def test_callbacks_may_ask_for_information_on_a_message(spun: _Spun):
+    stamps: list[Any] = []
+
+    def note(message: Any, info: Any) -> None:
+        stamps.append(info["received_timestamp"])
+        spun.take(message)
+
+    take: Any = note
+    spun.node.create_subscription(String, "/said", take, 100)
+    assert spun.is_hearing("word")
+    assert stamps[0] > 0
+
+
+@pytest.mark.parametrize("kind", ["subscription", "timer", "task"])
+def test_an_exception_leaves_the_spin_and_ends_nothing(spun: _Spun, kind: str):
+    def fail(*_: Any) -> None:
+        spun.node.destroy_timer(timer)
+        for each in list(spun.node.subscriptions):
+            spun.node.destroy_subscription(each)
+        raise LookupError(kind)
+
+    timer = spun.node.create_timer(0.02 if kind == "timer" else 1e6, fail)
+    failing = spun.node.create_publisher(String, "/failing", 10)
+    if kind == "subscription":
+        spun.node.create_subscription(String, "/failing", fail, 100)
+    if kind == "task":
+        spun.executor.create_task(fail)
+
+    def is_failed() -> bool:
+        failing.publish(String(data="word"))
+        try:
+            spun.executor.spin_once(timeout_sec=0.02)
+        except LookupError as error:
+            return error.args == (kind,)
+        return False
+
+    assert eventually(is_failed)
+    spun.node.create_timer(0.02, lambda: spun.heard.append("word"))
+    assert spun.until(lambda: spun.heard)
+
+
+def test_qos_events_are_looked_for_once_a_second(spun: _Spun):
+    found: list[Any] = []
+    spun.node.create_subscription(
+        String,
+        "/kept",
+        spun.take,
+        profile(10, latched=True),
+        event_callbacks=SubscriptionEventCallbacks(incompatible_qos=found.append),
+    )
+    spun.settle()  # the first look
+    spun.node.create_publisher(String, "/kept", profile(10))
+    spun.settle(50)
+    assert not found
+    spun.now_s += POLL_PERIOD_S
+    assert spun.until(lambda: found)
+
+
+def test_other_threads_wake_a_spinning_executor(spun: _Spun):
+    done = threading.Event()
+    spinning = threading.Thread(target=spun.executor.spin_once, args=(60.0,), daemon=True)
+    spinning.start()
+    sleep(0.2)
+    spun.executor.create_task(done.set)
+    spinning.join(30.0)
+    assert done.is_set()
+
+
+def test_another_thread_shuts_a_waiting_executor_down(spun: _Spun):
+    subscription: Any = spun.node.create_subscription(String, "/said", spun.take, 100)
+    ends: list[str] = []
+
+    def spin() -> None:
+        try:
+            while True:
+                spun.executor.spin_once()
+                if spun.executor._is_shutdown:
+                    ends.append("shut down")
+                    return
+        except (ExternalShutdownException, ShutdownException) as error:
+            ends.append(type(error).__name__)
+
+    spinning = threading.Thread(target=spin, daemon=True)
+    spinning.start()
+    sleep(0.1)
+    spun.executor.shutdown()
+    spinning.join(30.0)
+    assert ends == ["shut down"]
+    # Its entities are free again: a handle in use cannot be destroyed.
+    spun.node.destroy_subscription(subscription)
+    with pytest.raises(_rclpy.InvalidHandle), subscription.handle:
+        pass
+
+
+def test_the_end_of_the_context_ends_a_spin(spun: _Spun):
+    ends: list[str] = []
+
+    def spin() -> None:
+        try:
+            while True:
+                spun.executor.spin_once()
+        except ExternalShutdownException:
+            ends.append("ended")
+
+    spinning = threading.Thread(target=spin, daemon=True)
+    spinning.start()
+    sleep(0.1)
+    try_shutdown(context=spun.node.context)
+    spinning.join(30.0)
+    assert ends == ["ended"]
+
+
+def test_a_node_may_leave(spun: _Spun):
+    other = Node("other", context=spun.node.context, enable_rosout=False, start_parameter_services=False)
+    other.create_subscription(String, "/said", spun.take, 100)
+    spun.executor.add_node(other)
+    assert spun.is_hearing("word")
+    spun.executor.remove_node(other)
+    spun.settle(3)
+    heard = len(spun.heard)
+    spun.said.publish(String(data="later"))
+    spun.settle()
+    assert len(spun.heard) == heard
+    other.destroy_node()
