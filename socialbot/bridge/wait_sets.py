@@ -114,7 +114,9 @@ class _WaitSet:
 
     def ready(self) -> list[tuple[str, Any, Node]]:
         """Kind, entity and node of all that were ready at the end of the last `wait`."""
-        found: list[tuple[str, Any, Node]] = [("waitable", *each) for each in self._waitables if each[0].is_ready(self._waits)]
+        found: list[tuple[str, Any, Node]] = [
+            ("waitable", *each) for each in self._waitables if each[0].is_ready(self._waits)
+        ]
         for kind, entities in self._entities.items():
             if entities:
                 pointers = self._waits.get_ready_entities(kind)
@@ -171,15 +173,20 @@ class OneThreadExecutor(SingleThreadedExecutor):
     def wake(self) -> None:
         self._is_changed = True
         super().wake()
+        self._close_unless_waiting()
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         is_done = super().shutdown(timeout_sec)
-        if self._waiting.acquire(blocking=False):  # or else the thread that waits closes the wait sets
+        self._close_unless_waiting()
+        return is_done
+
+    def _close_unless_waiting(self) -> None:
+        """Let go of destroyed entities at once, for instance for a subscription of another type to the same topic."""
+        if self._waiting.acquire(blocking=False):  # the thread that waits would close the wait sets afterwards
             try:
                 self._close()
             finally:
                 self._waiting.release()
-        return is_done
 
     def _wait_for_ready_callbacks(
         self, timeout_sec: Any = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = lambda: False

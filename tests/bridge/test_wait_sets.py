@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from socialbot.bridge.environment import ros_context
@@ -102,6 +102,14 @@ def test_a_callback_that_ends_its_subscription_hears_nothing_more(spun: _Spun):
     spun.said.publish(String(data="later"))
     spun.settle()
     assert len(spun.heard) == heard
+
+
+def test_a_topic_may_change_its_type(spun: _Spun):
+    """DDS refuses a second type while the first subscription exists."""
+    old = spun.node.create_subscription(Bool, "/either", spun.take, 100)
+    spun.settle(3)
+    spun.node.destroy_subscription(old)
+    spun.node.create_subscription(String, "/either", spun.take, 100)
 
 
 def test_entities_of_a_callback_are_heard(spun: _Spun):
