@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, Overlap, StreamKey
+from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
@@ -57,9 +57,15 @@ def padded(cdr: bytes) -> bytes:
 
 
 @dataclass(eq=False)
-class MessageWatch(Overlap):
-    """Watch over the messages of a subscription, each of which has a seal on another topic."""
+class MessageWatch:
+    """Watch over the messages of a subscription, each of which has a seal on another topic.
 
+    Attributes:
+        clock: Steady clock (s).
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    is_copy: bool = field(default=False, init=False)
     _missed_at: dict[StreamKey, float] = field(default_factory=dict, init=False)
     """Time of the first seal of a stream that came without a message."""
     _missed: dict[StreamKey, tuple[float, float, int]] = field(default_factory=dict, init=False)
@@ -96,7 +102,6 @@ class MessageWatch(Overlap):
 
     def begin_again(self) -> None:
         self._missed_at.clear()
-        super().begin_again()
 
 
 class _Message:
@@ -168,7 +173,7 @@ class SealMatcher:
             if seal.fits(message):
                 self._deliver(seal, message)
                 return
-        if self.watch.expects_copies and (
+        if self.watch.is_copy and (
             any(seal.fits(message) for seal in self._delivered) or any(cdr == waiting.cdr for waiting in self._waiting)
         ):
             return

@@ -226,9 +226,17 @@ class Opener:
     def open(self, text: str) -> str | None:
         """Return the payload of ``text``; None if it brings no new message. Raises SealError.
 
-        A beacon brings none, nor does a renewed seal of a known message. The same holds for a message that arrives
-        again because its subscription is being replaced.
+        A beacon brings none, nor does a renewed seal of a known message. A message that arrives again because its
+        subscription is being replaced is not refused again.
         """
+        try:
+            return self._open(text)
+        except SealError:
+            if self.watch.is_copy:
+                return None
+            raise
+
+    def _open(self, text: str) -> str | None:
         sealed = read(text)
         self._verify(sealed)
         verdict = self.freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
@@ -237,8 +245,6 @@ class Opener:
             is_beacon = sealed.payload == BEACON
             self.watch.note(self.stream, sealed.number, is_beacon=is_beacon)
             return sealed.payload if verdict == "new" and not is_beacon else None
-        if verdict == "replayed" and self.watch.expects_copies:
-            return None
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 
     def tag(self, payload: str) -> Tag:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -39,13 +39,21 @@ COPIES_S = SILENT_S
 LOST_S = SILENT_S + BEACON_S
 """Time (s) for which the same number of publishers must be missing: so long that a replacement would have helped."""
 MAX_STREAMS = 256
+MAX_SAMPLES = 2048
+"""Messages of a subscription that are known again: those in the queues of two, at most."""
 
 StreamKey = tuple[str, str]
 """Sender and stream of a sealed message."""
 
 
 class Watch(Protocol):
-    """Watch over what arrives on one subscription."""
+    """Watch over what arrives on one subscription.
+
+    Attributes:
+        is_copy: Whether the message that arrives has arrived before, on the other of two subscriptions that overlap.
+    """
+
+    is_copy: bool
 
     @property
     def is_sure(self) -> bool:
@@ -61,50 +69,26 @@ class Watch(Protocol):
         ...
 
     def begin_again(self) -> None:
-        """Forget what arrived: the subscription is replaced. Messages may arrive again for some time."""
+        """Forget what arrived: the subscription is replaced."""
         ...
-
-    def end_overlap(self) -> None:
-        """Note that the replaced subscription has ended."""
-        ...
-
-
-@dataclass(eq=False)
-class Overlap:
-    """Time in which messages of a subscription may arrive again, since its successor has delivered them, too.
-
-    Attributes:
-        clock: Steady clock (s).
-    """
-
-    clock: Callable[[], float] = time.monotonic
-    _copies_until: float = field(default=-math.inf, init=False)
-
-    def begin_again(self) -> None:
-        self._copies_until = math.inf
-
-    def end_overlap(self) -> None:
-        self._copies_until = self.clock() + COPIES_S
-
-    @property
-    def expects_copies(self) -> bool:
-        """Whether messages may arrive again."""
-        return self.clock() < self._copies_until
 
 
 @dataclass(eq=False, kw_only=True)
-class StreamWatch(Overlap):
+class StreamWatch:
     """Watch over the sealed messages and beacons of one subscription.
 
     Attributes:
+        clock: Steady clock (s).
         expects_all: Whether each message must arrive; else only silence is a fault.
         keeps_all: Whether the queue is long enough for all; else only beacons show that messages did not arrive.
         has_foreign: Whether publishers without keys are no fault: only publishers that were heard before are expected.
     """
 
+    clock: Callable[[], float] = time.monotonic
     expects_all: bool = True
     keeps_all: bool = True
     has_foreign: bool = False
+    is_copy: bool = field(default=False, init=False)
     _heard: dict[StreamKey, tuple[float, int]] = field(default_factory=dict, init=False)
     _lost: int = field(default=0, init=False)
     _losses: tuple[float, float] | None = field(default=None, init=False)
@@ -171,28 +155,32 @@ class StreamWatch(Overlap):
     def begin_again(self) -> None:
         self._heard.clear()
         self._lost, self._losses = 0, None
-        super().begin_again()
 
 
-Note = Callable[[Any], None]
-"""Gets each ROS message of a subscription when it arrives."""
+Sample = tuple[int, int | None]
+"""Time (ns) and number of a message, both by its publisher. DDS gives them to each subscription."""
+Note = Callable[[Sample], None]
+"""Gets each message of a subscription when it arrives."""
 
 
 class _Arrivals:
-    """Messages that one subscription received lately, by their content."""
+    """Messages that one subscription received lately."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
-        self._times: dict[int, float] = {}
+        self._times: dict[Sample, float] = {}
 
-    def note(self, message: Any) -> None:
-        content = message if isinstance(message, bytes) else getattr(message, "data", None) or repr(message)
-        self._times[hash(content)] = self._clock()
+    def note(self, sample: Sample) -> None:
+        self._times[sample] = self._clock()
+        if len(self._times) > MAX_SAMPLES:
+            del self._times[next(iter(self._times))]
 
-    def between(self, begin: float, end: float) -> set[int]:
-        """Messages that arrived from ``begin`` to ``end``; those before are forgotten."""
-        self._times = {content: at for content, at in self._times.items() if at >= begin}
-        return {content for content, at in self._times.items() if at <= end}
+    def __contains__(self, sample: Sample) -> bool:
+        return sample in self._times
+
+    def between(self, begin: float, end: float) -> set[Sample]:
+        """Messages that arrived from ``begin`` to ``end``."""
+        return {sample for sample, at in self._times.items() if begin <= at <= end}
 
 
 @dataclass(eq=False)
@@ -243,6 +231,7 @@ class WatchedSubscription:
         self._backoff = backoff or Backoff(clock)
         self._is_unsure = False
         self._replaced: tuple[Any, _Arrivals] | None = None
+        self._ended: tuple[_Arrivals, float] | None = None
         self._subscription, self._arrivals = self._created()
         self._replaced_at, self._may_fail = -math.inf, True
         self._publishers = 0
@@ -252,7 +241,19 @@ class WatchedSubscription:
 
     def _created(self) -> tuple[Any, _Arrivals]:
         arrivals = _Arrivals(self._clock)
-        return self._create(lambda message: arrivals.note(message) if self._replaced is not None else None), arrivals
+
+        def note(sample: Sample) -> None:
+            self._watch.is_copy = any(sample in each for each in self._others(arrivals))
+            arrivals.note(sample)
+
+        return self._create(note), arrivals
+
+    def _others(self, arrivals: _Arrivals) -> Iterator[_Arrivals]:
+        """Messages of the subscriptions beside or shortly before one."""
+        if self._replaced is not None:
+            yield from (each for _, each in (self._replaced, (None, self._arrivals)) if each is not arrivals)
+        if self._ended is not None and self._clock() < self._ended[1] + COPIES_S:
+            yield self._ended[0]
 
     @property
     def topic_name(self) -> str:
@@ -334,9 +335,9 @@ class WatchedSubscription:
 
     def _end_overlap(self) -> None:
         if self._replaced is not None:
-            self._ros.destroy_subscription(self._replaced[0])
-            self._replaced = None
-            self._watch.end_overlap()
+            subscription, arrivals = self._replaced
+            self._ros.destroy_subscription(subscription)
+            self._replaced, self._ended = None, (arrivals, self._clock())
 
 
 def replace_faulty(subscriptions: Collection[WatchedSubscription]) -> dict[str, str]:
@@ -356,7 +357,7 @@ def noting(note: Note, take: Callable[[Any, Any], None]) -> Callable[[Any, Any],
     """Call ``note`` with each message before ``take``, which also gets the information from rclpy."""
 
     def receive(message: Any, info: Any) -> None:
-        note(message)
+        note((info["source_timestamp"], info["publication_sequence_number"]))
         take(message, info)
 
     return receive

@@ -11,7 +11,6 @@ from socialbot.bridge import detached_seals
 from socialbot.bridge.detached_seals import MAX_SEALS, MAX_WAITING, SealMatcher, digest, padded
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.security import Seal, Stream
-from socialbot.bridge.stream_watch import COPIES_S
 from socialbot.core.clock import SECOND
 
 TOPIC = "/camera/image_raw"
@@ -166,26 +165,33 @@ def test_memory_is_bounded_in_a_flood(receiving, stream, monkeypatch):
 def test_a_replaced_subscription_and_its_successor_deliver_a_message_once(receiving, stream):
     matcher = receiving.matcher
     matcher.opener.watch.clock = matcher.clock
-    seals = [stream.seal(digest(cdr)) for cdr in (b"one", b"two")]
-    matcher.take_seal(seals[0])
+    watches = matcher.watch, matcher.opener.watch
+    one, two = (stream.seal(digest(cdr)) for cdr in (b"one", b"two"))
+    matcher.take_seal(one)
     matcher.take_message(b"one")
-    for watch in (matcher.watch, matcher.opener.watch):
+    for watch in watches:
         watch.begin_again()
-    for seal in (*seals, *seals):
-        matcher.take_seal(seal)
-    for cdr in (b"one", b"two", b"two"):
-        matcher.take_message(cdr)
-    matcher.close()
-    assert (receiving.got, receiving.refused) == ([b"one", b"two"], [])
-    for watch in (matcher.watch, matcher.opener.watch):
-        watch.end_overlap()
-    for again in range(2):
-        matcher.take_seal(seals[1])
-        matcher.take_message(b"two")
+    matcher.take_seal(two)
+    matcher.take_message(b"two")
+    for are_copies in (True, False):
+        for watch in watches:
+            watch.is_copy = are_copies
+        for seal, cdr in ((one, b"one"), (two, b"two")):
+            matcher.take_seal(seal)
+            matcher.take_message(cdr)
         matcher.close()
-        assert receiving.refused == again * ["replayed", "unsealed"], "copies may have waited in the queue"
-        receiving.now += COPIES_S
+        assert receiving.refused == ([] if are_copies else ["replayed", "replayed", "unsealed", "unsealed"])
     assert receiving.got == [b"one", b"two"]
+
+
+def test_an_unsealed_message_that_arrives_twice_is_refused_once(receiving):
+    matcher = receiving.matcher
+    matcher.watch.begin_again()
+    for is_copy in (False, True):
+        matcher.watch.is_copy = is_copy
+        matcher.take_message(b"unsealed")
+    matcher.close()
+    assert receiving.refused == ["unsealed"]
 
 
 def test_knows_which_publishers_messages_do_not_arrive(keys, receiving, stream):

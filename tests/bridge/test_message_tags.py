@@ -96,7 +96,7 @@ def test_an_altered_message_stands_for_no_copy_while_subscriptions_overlap(machi
     robot, workstation, _ = machines
     matcher, stream = workstation.matcher(), robot.stream()
     for watch in (matcher.watch, matcher.opener.watch):
-        watch.begin_again()
+        watch.is_copy = True
     if of == "waiting":
         matcher.take_message(ALTERED)
         matcher.take_message(PICTURE)
@@ -112,10 +112,10 @@ def test_an_altered_message_stands_for_no_copy_while_subscriptions_overlap(machi
 def test_a_copy_is_dropped_while_subscriptions_overlap(machines):
     robot, workstation, _ = machines
     matcher = workstation.matcher()
-    for watch in (matcher.watch, matcher.opener.watch):
-        watch.begin_again()
     _, seal = robot.stream().seal_detached(PICTURE)
-    for _ in range(2):
+    for is_copy in (False, True):
+        for watch in (matcher.watch, matcher.opener.watch):
+            watch.is_copy = is_copy
         matcher.take_seal(seal)
         matcher.take_message(PICTURE)
     matcher.close()

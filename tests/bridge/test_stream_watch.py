@@ -15,6 +15,7 @@ from socialbot.bridge.stream_watch import (
     KNOWN_S,
     LOST_S,
     MAX_PAUSE_S,
+    MAX_SAMPLES,
     MAX_STREAMS,
     OVERLAP_S,
     SILENT_S,
@@ -422,43 +423,81 @@ class TestWatchedSubscription:
         ros.publishers = 1
         assert faults(subscription, time, 5.0) == [SILENT_S + CHECK_S - 4.0]
 
-    def test_both_receive_until_the_new_one_hears_what_the_old_one_hears(self, subscription, ros, watch, time):
+    def test_both_receive_until_the_new_one_hears_what_the_old_one_hears(self, subscription, ros, time):
         """The new one has matched long before its publishers know it."""
         subscription.replace()
         old, new = ros.present
         for number in range(8):
-            old.arrives(f"robot {number}")
-            old.arrives(f"other {number}")
+            old.arrives((number, ROBOT))
+            old.arrives((number, OTHER))
             if number >= 2:
-                new.arrives(f"robot {number}")
+                new.arrives((number, ROBOT))
             time.passes(CHECK_S)
             subscription.fault()
-            assert (ros.present, watch.expects_copies) == ([old, new], True)
+            assert ros.present == [old, new]
         checks = 0
         while len(ros.present) == 2:
             for each in (old, new):
-                each.arrives(f"robot and other {checks}")
+                each.arrives((checks, "robot and other"))
             time.passes(CHECK_S)
             subscription.fault()
             checks += 1
         assert checks == (CHECK_S + OVERLAP_S) / CHECK_S
-        assert (ros.present, watch.expects_copies) == ([new], True)
-        time.passes(COPIES_S)
-        assert not watch.expects_copies
+        assert ros.present == [new]
 
-    def test_a_new_one_that_hears_less_is_given_up(self, subscription, ros, watch, time):
+    def test_a_new_one_that_hears_less_is_given_up(self, subscription, ros, time):
         subscription.replace()
         old, new = ros.present
         for number in range(round(MAX_PAUSE_S / CHECK_S)):
-            assert (ros.present, watch.expects_copies) == ([old, new], True)
-            old.arrives(b"robot %d" % number)
+            assert ros.present == [old, new]
+            old.arrives((number, 1))
             time.passes(CHECK_S)
             subscription.fault()
-        assert (ros.present, watch.expects_copies) == ([old], True)
-        time.passes(COPIES_S)
-        assert not watch.expects_copies
+        assert ros.present == [old]
         subscription.replace()
         assert len(ros.present) == 2
+
+    def test_what_arrives_on_both_is_a_copy_the_second_time(self, subscription, ros, watch, time):
+        (old,) = ros.present
+
+        def is_copy(on: SimpleNamespace, sample: tuple[int, int]) -> bool:
+            on.arrives(sample)
+            return watch.is_copy
+
+        assert not is_copy(old, (1, 1))
+        assert not is_copy(old, (1, 1)), "not of another subscription"
+        subscription.replace()
+        _, new = ros.present
+        assert is_copy(new, (1, 1)), "a latched message arrives again"
+        assert not is_copy(new, (2, 2))
+        assert is_copy(old, (2, 2))
+        assert not is_copy(old, (3, 2)), "the same number of another publisher"
+        assert not is_copy(old, (2, 3)), "the same time of another publisher"
+        for number in range(10, 20):
+            assert not is_copy(old, (number, number))
+            assert is_copy(new, (number, number))
+            time.passes(CHECK_S)
+            subscription.fault()
+            if ros.present == [new]:
+                break
+        assert ros.present == [new]
+        old.arrives((30, 30))  # from its queue
+        assert is_copy(new, (30, 30))
+        old.arrives((31, 31))
+        time.passes(COPIES_S)
+        assert not is_copy(new, (31, 31))
+
+    def test_only_so_many_messages_are_known_again(self, subscription, ros, watch):
+        (old,) = ros.present
+        for number in range(MAX_SAMPLES + 1):
+            old.arrives((number, number))
+        subscription.replace()
+        _, new = ros.present
+        found = []
+        for number in range(MAX_SAMPLES + 1):
+            new.arrives((number, number))
+            found.append(watch.is_copy)
+        assert found == [False] + MAX_SAMPLES * [True]
 
     def test_a_new_one_of_another_quality_of_service_is_kept_although_it_hears_less(self, subscription, ros, time):
         """A best-effort subscription loses messages that a reliable one gets, but alone matches all publishers."""
@@ -466,9 +505,9 @@ class TestWatchedSubscription:
         old, new = ros.present
         for number in range(round(MAX_PAUSE_S / CHECK_S)):
             assert ros.present == [old, new]
-            old.arrives(b"robot %d" % number)
+            old.arrives((number, 1))
             if number % 2:
-                new.arrives(b"robot %d" % number)
+                new.arrives((number, 1))
             time.passes(CHECK_S)
             subscription.fault()
         assert ros.present == [new]
@@ -478,7 +517,7 @@ class TestWatchedSubscription:
         old, new = ros.present
         for number in range(3):
             assert ros.present == [old, new]
-            new.arrives(SimpleNamespace(data="", status=[number]))
+            new.arrives((number, 1))
             time.passes(CHECK_S)
             subscription.fault()
         assert ros.present == [new]
@@ -492,10 +531,6 @@ class TestWatchedSubscription:
         time.passes(CHECK_S)
         subscription.fault()
         assert ros.present == [new]
-
-    def test_nothing_is_noted_without_an_overlap(self, subscription, ros):
-        ros.present[0].arrives(b"robot")
-        assert subscription._arrivals.between(0.0, 1e9) == set()
 
     def test_a_destroyed_one_leaves_none(self, subscription, ros, time):
         subscription.replace()
