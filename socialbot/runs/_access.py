@@ -32,6 +32,13 @@ def reply_error(status: int, what: str) -> Response:
     return reply({"error": what}, status=status)
 
 
+def _refusal(status: int, what: str) -> Response:
+    """Return an error that ends its connection, so that strangers keep no place."""
+    answer = reply_error(status, what)
+    answer.headers["Connection"] = "close"
+    return answer
+
+
 COOKIE = "socialbot_inspect"
 
 POLICY = "; ".join(
@@ -86,14 +93,14 @@ class AccessGuard:
         headers = Headers(scope=scope)
         answer: ASGIApp = self._app
         if not is_own_name(headers.get("host", "")):
-            answer = reply_error(421, "this server has another name")
-        elif self._token and (refusal := self._refusal(scope, headers)):
+            answer = _refusal(421, "this server has another name")
+        elif self._token and (refusal := self._without_access(scope, headers)):
             answer = refusal
         elif scope["method"] not in ("GET", "HEAD") and (reason := foreign(headers)):
-            answer = reply_error(403, reason)
+            answer = _refusal(403, reason)
         await answer(scope, receive, send_with_headers)
 
-    def _refusal(self, scope: Scope, headers: Headers) -> Response | None:
+    def _without_access(self, scope: Scope, headers: Headers) -> Response | None:
         query = QueryParams(scope["query_string"])
         if _same(query.get("token", ""), self._token):
             rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
@@ -106,7 +113,7 @@ class AccessGuard:
             return None
         if cookie is not None and _same(cookie.value, self._pass):
             return None
-        return reply_error(401, "the token is missing or wrong: open the printed address")
+        return _refusal(401, "the token is missing or wrong: open the printed address")
 
 
 MAX_BODY_BYTES = 64 * 1024

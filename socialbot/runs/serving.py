@@ -26,6 +26,7 @@ PORT = 8765
 STARTED_WITHIN_S = 10.0
 ENDED_WITHIN_S = 3.0
 REQUEST_WITHIN_S = 5.0  # time for the head of a request
+TAKEN_WITHIN_S = 30.0  # time for a client to take any part of an answer
 MAX_CONNECTIONS = 100  # number of open connections; further requests get the status 503
 
 
@@ -100,6 +101,7 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
                 server.application(address.token),
                 access_log=False,
                 log_config=None,
+                log_level=logging.ERROR,  # warnings are of the requests of strangers
                 server_header=False,
                 timeout_graceful_shutdown=1,
                 ws="none",
@@ -121,18 +123,31 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
 
 
 class _PunctualProtocol(H11Protocol):
-    """HTTP connection that ends if it has no whole request in time, so that idle clients take no place for long."""
+    """HTTP connection that ends if no whole request comes in time, or nothing of an answer is taken.
+
+    So idle clients take no place for long.
+    """
 
     _deadline: asyncio.TimerHandle | None = None
+    _taken_deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._await_request()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._deadline is not None:
-            self._deadline.cancel()
+        for deadline in filter(None, (self._deadline, self._taken_deadline)):
+            deadline.cancel()
         super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._taken_deadline = self.loop.call_later(TAKEN_WITHIN_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        if self._taken_deadline is not None:
+            self._taken_deadline.cancel()
+        super().resume_writing()
 
     def on_response_complete(self) -> None:
         super().on_response_complete()

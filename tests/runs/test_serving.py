@@ -22,6 +22,7 @@ POST = b"POST /api/command HTTP/1.1\r\nHost: localhost\r\nContent-Type: applicat
 @pytest.fixture
 def port(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.setattr(servers, "REQUEST_WITHIN_S", 0.5)
+    monkeypatch.setattr(servers, "TAKEN_WITHIN_S", 0.5)
     monkeypatch.setattr(servers, "MAX_CONNECTIONS", 5)
     monkeypatch.setattr(_access, "BODY_WITHIN_S", 0.5)
     with serving(LiveRun(load_graph("waldo")), Address(port=0)) as served:
@@ -34,10 +35,10 @@ def connection(port: int, data: bytes = b"") -> socket.socket:
     return made
 
 
-def answer(made: socket.socket) -> bytes:
-    """Everything until the server closes the connection."""
+def answer(made: socket.socket, size: int = 65536) -> bytes:
+    """Everything until the server closes the connection, read in parts of ``size`` bytes."""
     data = b""
-    while part := made.recv(65536):
+    while part := made.recv(size):
         data += part
     return data
 
@@ -70,6 +71,48 @@ def test_idle_connections_lock_nobody_out_for_long(port: int) -> None:
         each.close()
     with connection(port, request) as made:
         assert answer(made).startswith(b"HTTP/1.1 200 ")
+
+
+REQUEST = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_a_client_that_takes_no_answers_is_disconnected(port: int) -> None:
+    """It asks again and again, until the buffers are full of answers."""
+    with socket.socket() as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        made.connect(("127.0.0.1", port))
+        made.settimeout(10.0)
+        with pytest.raises((ConnectionResetError, BrokenPipeError)):
+            while True:
+                made.sendall(REQUEST)
+
+
+def test_a_slow_client_gets_its_answers(port: int) -> None:
+    count = 100
+    with socket.socket() as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        made.connect(("127.0.0.1", port))
+        made.settimeout(30.0)
+        made.sendall(REQUEST * count + REQUEST[:-2] + b"Connection: close\r\n\r\n")
+        assert answer(made, size=512).count(b"HTTP/1.1 200 ") == count + 1
+
+
+def test_a_refused_request_ends_its_connection() -> None:
+    """So strangers without the token keep no places."""
+    with serving(LiveRun(load_graph("waldo")), Address(port=0, token="a-token-of-the-test")) as served:
+        for request in (REQUEST, REQUEST.replace(b"localhost", b"evil.example"), POST + b"Origin: http://a\r\n\r\n"):
+            with connection(urlsplit(served.url).port or 0, request * 3) as made:
+                assert answer(made).count(b"HTTP/1.1 4") == 1
+
+
+def test_requests_of_strangers_are_not_logged(port: int, caplog: pytest.LogCaptureFixture) -> None:
+    idle = [connection(port) for _ in range(5)]
+    for data in (REQUEST, b"no request\r\n\r\n"):
+        with connection(port, data) as made:
+            assert answer(made).startswith((b"HTTP/1.1 503 ", b"HTTP/1.1 400 "))
+    for each in idle:
+        each.close()
+    assert not caplog.records
 
 
 def test_slow_body_is_refused(port: int) -> None:
