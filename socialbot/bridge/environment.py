@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import socket
+import stat
 import sys
 import tempfile
 import threading
@@ -132,22 +133,37 @@ def prepare(
     if log_folder is not None:
         environment["ROS_LOG_DIR"] = str(log_folder)
     elif "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
-        environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
+        environment["ROS_LOG_DIR"] = str(_log_folder())
+
+
+def _log_folder() -> Path:
+    """Return a folder that only this user can change: any user can make one of a known name in /tmp, or a link."""
+    folder = Path(tempfile.gettempdir()) / f"socialbot-ros-log-{os.getuid()}"
+    try:
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
+            return folder
+        return Path(tempfile.mkdtemp(prefix=f"{folder.name}-"))
+    except OSError:  # the disk is full or read-only, so ROS has no log
+        return folder
 
 
 def use_topics(
-    file: Path,
+    name: str,
     environment: MutableMapping[str, str] = os.environ,
     *,
     by_udp: Collection[str] = (),
     fresh: Collection[str] = (),
 ) -> None:
-    """Write the DDS profile of this process to ``file``, with the settings of its topics.
+    """Write a DDS profile ``name`` of this process beside its logs, with the settings of its topics.
 
-    Custom profiles are kept. Call this after `prepare` and before rclpy starts.
+    Custom profiles are kept. So is the common one if this cannot be written: it has the same addresses. Call this after
+    `prepare` and before rclpy starts.
 
     Args:
-        file: The new file, which `PROFILE_VARIABLE` names then. If it cannot be written, the profile stays in memory.
+        name: Name of the file, without suffix.
         environment: The variables of this process.
         by_udp: Topics that it receives by UDP on one machine. If a process is killed while others write into its shared
             memory, they block for a second; UDP never blocks. Only images are worth that risk.
@@ -160,19 +176,13 @@ def use_topics(
         return
     entries = "".join(template.format(topic=topic) for topic in sorted(set(topics)))
     text = read_text(Path(profile), ParameterError).replace("</profiles>", f"{entries}</profiles>").encode()
+    file = Path(environment.get("ROS_LOG_DIR") or _log_folder()) / f"{name}.xml"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         replace_file(file, text)
     except OSError:  # the disk is full or read-only
-        file = _file_in_memory(text)
+        return
     environment[PROFILE_VARIABLE] = str(file)
-
-
-def _file_in_memory(content: bytes) -> Path:
-    """Return the path of a new file that lasts as long as this process."""
-    file = os.memfd_create("dds_profile")
-    os.write(file, content)
-    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 def reach(environment: MutableMapping[str, str] = os.environ) -> str:
@@ -265,11 +275,22 @@ def own_domain(
 def _claimed(domain: int, claim: contextlib.ExitStack) -> bool:
     """Claim an unused domain until ``claim`` closes; return False if another run did, whose nodes may not be up yet."""
     try:
-        file = claim.enter_context((Path(tempfile.gettempdir()) / f"socialbot-domain-{domain}.lock").open("a"))
+        file = _claim_file(Path(tempfile.gettempdir()) / f"socialbot-domain-{domain}.lock")
+        claim.callback(os.close, file)
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False
     return True
+
+
+def _claim_file(path: Path) -> int:
+    """Open a file that other users may have made: a lock needs no more than reading."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    except FileExistsError:
+        return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    os.fchmod(file, 0o644)
+    return file
 
 
 def require_ros() -> None:

@@ -7,11 +7,9 @@ import inspect
 import logging
 import os
 import socket
-import tempfile
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -126,10 +124,8 @@ def _use_topics(graph: Graph, names: Collection[str]) -> None:
         for topic, _ in config.publications
     }
     environment.prepare()
-    folder = Path(os.environ.get("ROS_LOG_DIR") or tempfile.gettempdir())
-    environment.use_topics(
-        folder / f"dds_{'_'.join(names)[:80]}.xml", by_udp=by_udp, fresh=fresh | set(map(seal_topic, fresh))
-    )
+    name = f"dds_{'_'.join(names)[:80]}"
+    environment.use_topics(name, by_udp=by_udp, fresh=fresh | set(map(seal_topic, fresh)))
 
 
 def _follow_commands(supervisor: SupervisorChannel, hosts: list[NodeHost], executor: Executor, ending: Ending) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
+import stat
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -55,8 +57,8 @@ def test_keeps_variables_and_applies_overrides(tmp_path: Path) -> None:
 
 
 def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
-    found = prepared()
-    environment.use_topics(tmp_path / "log" / "dds.xml", found, by_udp=["/speech/say", "/health", "/health"])
+    found = prepared(log_folder=tmp_path / "log")
+    environment.use_topics("dds", found, by_udp=["/speech/say", "/health", "/health"])
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml")
     profile = ElementTree.parse(found[PROFILE])
     names = [one.get("profile_name") for one in profile.iter() if one.tag.endswith("data_reader")]
@@ -67,13 +69,63 @@ def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
 
 
-def test_a_profile_that_cannot_be_written_stays_in_memory(tmp_path: Path) -> None:
-    found = prepared()
+@pytest.mark.ros
+def test_a_node_whose_profile_cannot_be_written_is_bound_to_the_loopback_address(tmp_path: Path) -> None:
+    """Fast DDS reads no profile from memory, and without one it listens on all addresses."""
     (tmp_path / "log").touch()  # in the place of a folder
-    environment.use_topics(tmp_path / "log" / "dds.xml", found, by_udp=["/health"])
-    read = "import sys; print(open(sys.argv[1]).read())"
-    text = subprocess.check_output([sys.executable, "-c", read, found[PROFILE]], text=True)
-    assert "/health" in [one.get("profile_name") for one in ElementTree.fromstring(text.strip()).iter()]
+    program = """
+import os
+from pathlib import Path
+from socialbot.bridge.environment import prepare, ros_domain, spinning_node, use_topics
+prepare()
+use_topics("dds", by_udp=["/health"])
+with spinning_node("quiet"):
+    links = [Path(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")]
+    own = {os.readlink(link) for link in links if link.is_symlink()}
+    for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
+        address, _, port = line.split()[1].partition(":")
+        if f"socket:[{line.split()[9]}]" in own and int(port, 16) - 7400 - 250 * ros_domain() in range(250):
+            print(address)
+"""
+    variables = {**os.environ, "ROS_LOG_DIR": str(tmp_path / "log" / "ros"), PROFILE: ""}
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, timeout=300, capture_output=True, text=True, env=variables
+    )
+    assert set(done.stdout.split()) == {"0100007F"}
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_the_log_folder_is_private(temporary: Path) -> None:
+    first, second = (Path(prepared()["ROS_LOG_DIR"]) for _ in range(2))
+    assert first == second
+    assert stat.S_IMODE(first.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("trap", ["link", "dangling", "file", "writable", "other user"])
+def test_a_log_folder_that_somebody_else_has_prepared_is_not_used(temporary: Path, trap: str) -> None:
+    """Else a node would write through links there, and read a DDS profile of another user."""
+    folder, elsewhere = temporary / f"socialbot-ros-log-{os.getuid()}", temporary / "elsewhere"
+    elsewhere.mkdir()
+    if trap in ("link", "dangling"):
+        folder.symlink_to(elsewhere if trap == "link" else temporary / "none")
+    elif trap == "file":
+        folder.touch()
+    else:
+        folder.mkdir()
+        folder.chmod(0o777 if trap == "writable" else 0o755)
+        if trap == "other user":
+            if os.getuid():
+                pytest.skip("only root can make folders of other users")
+            os.chown(folder, 65534, 65534)
+    found = Path(prepared()["ROS_LOG_DIR"])
+    assert found.parent == temporary
+    assert found not in (folder, elsewhere)
+    assert stat.S_IMODE(found.stat().st_mode) == 0o700
 
 
 @pytest.mark.ros
@@ -96,10 +148,9 @@ with spinning_node("loud") as ros:
 
 
 def test_repairs_the_newest_messages_fast_on_a_network(tmp_path: Path) -> None:
-    found = prepared(across=Across(peers=("10.77.0.2",)))
-    environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"], fresh=["/view/link", "/view/link/_seal"])
-    assert found[PROFILE] == str(tmp_path / "dds.xml")
-    periods = heartbeats_s(tmp_path / "dds.xml")
+    found = prepared(across=Across(peers=("10.77.0.2",)), log_folder=tmp_path)
+    environment.use_topics("dds", found, by_udp=["/health"], fresh=["/view/link", "/view/link/_seal"])
+    periods = heartbeats_s(Path(found[PROFILE]))
     assert periods["/view/link"] == periods["/view/link/_seal"] < periods["socialbot_writer"] < periods["/health"]
     assert {name: each for name, each in periods.items() if "/view" not in name} == heartbeats_s(
         environment.WIFI_PROFILE
@@ -116,14 +167,13 @@ def heartbeats_s(profile: Path) -> dict[str, float]:
     }
 
 
-def test_keeps_custom_profiles_and_those_without_such_topics(tmp_path: Path) -> None:
+def test_keeps_custom_profiles_and_those_without_such_topics() -> None:
     own = prepared({PROFILE: "my.xml"})
     open_ = prepared({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
     for found in (own, open_):
         before = dict(found)
-        environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"])
+        environment.use_topics("dds", found, by_udp=["/health"])
         assert found == before
-    assert not list(tmp_path.iterdir())
 
 
 def test_across_machines_by_addresses() -> None:
@@ -302,6 +352,30 @@ def test_run_has_an_unused_domain_of_its_own():
         assert one != other
         assert (first, second) == ({"ROS_DOMAIN_ID": str(one)}, {"ROS_DOMAIN_ID": str(other)})
     assert first == second == {}
+
+
+def test_a_claim_of_an_ended_run_of_another_user_is_no_obstacle(monkeypatch: pytest.MonkeyPatch):
+    if os.geteuid():
+        pytest.skip("only root can be two users")
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o777)
+        monkeypatch.setattr(tempfile, "tempdir", folder)
+        with own_domain(environment={}) as first:
+            pass
+        os.seteuid(65534)
+        try:
+            with own_domain(environment={}, domains=[first]) as second:
+                assert second == first
+        finally:
+            os.seteuid(0)
+
+
+def test_a_claim_follows_no_link(temporary: Path):
+    for domain in FREE_DOMAINS:
+        (temporary / f"socialbot-domain-{domain}.lock").symlink_to(temporary / "made")
+    with pytest.raises(NodeError, match="are all in use"), own_domain(environment={}):
+        pass
+    assert not (temporary / "made").exists()
 
 
 def test_domain_in_use_is_passed_over():

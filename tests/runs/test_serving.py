@@ -81,10 +81,9 @@ def test_a_client_that_takes_no_answers_is_disconnected(port: int) -> None:
     with socket.socket() as made:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         made.connect(("127.0.0.1", port))
-        made.settimeout(10.0)
+        made.settimeout(30.0)
         with pytest.raises((ConnectionResetError, BrokenPipeError)):
-            while True:
-                made.sendall(REQUEST)
+            made.sendall(REQUEST * 10**6)
 
 
 def test_a_slow_client_gets_its_answers(port: int) -> None:
