@@ -77,7 +77,7 @@ class Sender:
 
             cdr = padded(ros_message if isinstance(ros_message, bytes) else _serialized(ros_message))
             with self._lock:
-                self._last, seal = self.stream.seal_detached(cdr)
+                self._last, seal = self.stream.seal_detached(cdr, latched=self.latched)
                 # The seal comes first, so that receivers seldom have to keep messages.
                 self.seals.publish(self._text(seal))
                 self.publisher.publish(cdr)

@@ -165,11 +165,15 @@ class Stream:
         self._number += not renew
         return self._sealed(text, self.keys.latest())
 
-    def seal_detached(self, cdr: bytes) -> tuple[str, str]:
-        """Seal a serialised message that is sent apart: the text for `seal` to renew, and its seal."""
+    def seal_detached(self, cdr: bytes, *, latched: bool = False) -> tuple[str, str]:
+        """Seal a serialised message that is sent apart: the text for `seal` to renew, and its seal.
+
+        That of a ``latched`` one is a digest. Tags serve only the keys of their time, which may change before a late
+        subscriber comes.
+        """
         self._number += 1
         keys = self.keys.latest()
-        text = self._tags.seal(keys, self._id, self._number, cdr) or digest(cdr)
+        text = (None if latched else self._tags.seal(keys, self._id, self._number, cdr)) or digest(cdr)
         return text, self._sealed(text, keys)
 
     def beacon(self) -> str:

@@ -138,16 +138,25 @@ def test_no_number_of_a_stream_is_used_twice_and_each_stream_has_keys_of_its_own
     assert len(set(found)) == len(found)
 
 
-def test_a_renewed_seal_keeps_number_and_tags(machines):
+@pytest.mark.parametrize("change", ["none", "sender", "receiver", "new receiver"])
+def test_a_late_subscriber_gets_a_latched_large_message_after_a_change_of_keys(machines, tmp_path, change):
     robot, workstation, _ = machines
     stream = robot.stream()
-    text, first = stream.seal_detached(PICTURE)
-    renewed = stream.seal(text, renew=True)
-    assert (read(renewed).number, read(renewed).payload) == (read(first).number, read(first).payload)
+    text, _ = stream.seal_detached(PICTURE, latched=True)
+    if change in ("sender", "receiver"):
+        owner, other = (robot, workstation) if change == "sender" else (workstation, robot)
+        begin_rotation(owner.name, owner.folder)
+        finish_rotation(owner.name, owner.folder, pause=lambda _: None)
+        other.trust(owner)
+    elif change == "new receiver":
+        workstation = Machine("fourth", tmp_path)
+        workstation.trust(robot)
+        robot.trust(workstation)
+    stream.keys = robot.keys
     late = workstation.matcher()
     late.take_message(PICTURE)
-    late.take_seal(renewed)
-    assert workstation.got == [PICTURE]
+    late.take_seal(stream.seal(text, renew=True))
+    assert (workstation.got, workstation.refused) == ([PICTURE], [])
 
 
 def test_a_machine_that_the_sender_does_not_trust_is_told(machines):
