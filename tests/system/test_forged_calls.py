@@ -29,7 +29,7 @@ node, group = rclpy.create_node("driver"), ReentrantCallbackGroup()
 def ask(request, response):
     print("asked", request.data, flush=True)
     if request.data:  # that of the caller, who waits
-        time.sleep(60.0)
+        time.sleep(3600.0)
     return response
 def count(goal):
     print("goal", goal.request.order, bytes(goal.goal_id.uuid).hex(), flush=True)
@@ -57,7 +57,7 @@ NAMES = ("rq/personRequest", "rr/personReply", "rq/count/_action/send_goalReques
 def tell(*words):
     print(*words, flush=True)
 class Caller(Node):
-    person = Client("std_srvs/srv/SetBool", "/person", deadline_s=50.0)
+    person = Client("std_srvs/srv/SetBool", "/person", deadline_s=3600.0)
     count = ActionClient("test_msgs/action/Fibonacci", "/count")
 graph = Graph("calls", (NodeConfig("caller", Caller),), services=frozenset({"/person", "/count"}))
 with node_hosts(graph) as host:
@@ -73,7 +73,6 @@ with node_hosts(graph) as host:
     soon(lambda: node.person.call({"data": True}, lambda end: tell("answer", end.outcome, end.message)))
     ended, news = lambda end: tell("result", end.outcome, end.message), lambda news: tell("feedback", news)
     soon(lambda: node.count.send_goal({"order": 1}, ended, feedback=news))
-    time.sleep(1.0)
     tell("ids", json.dumps(ids()))
     time.sleep(3600)
 """
