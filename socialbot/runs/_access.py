@@ -40,6 +40,7 @@ def _refusal(status: int, what: str) -> Response:
 
 
 COOKIE = "socialbot_inspect"
+OTHER_SITE = "the request comes from another site"
 
 POLICY = "; ".join(
     (
@@ -70,7 +71,7 @@ class AccessGuard:
     """Middleware that checks host name, token and origin.
 
     The host must be an address or the name of this machine, against DNS rebinding. A ``token`` is a bearer token, or a
-    URL parameter that sets a cookie. Requests that change state must have the origin of the page, or none.
+    URL parameter that sets a cookie. Requests must come from the page, or from no other site; a link may open the page.
     """
 
     def __init__(self, app: ASGIApp, token: str = "") -> None:
@@ -96,7 +97,7 @@ class AccessGuard:
             answer = _refusal(421, "this server has another name")
         elif self._token and (refusal := self._without_access(scope, headers)):
             answer = refusal
-        elif scope["method"] not in ("GET", "HEAD") and (reason := foreign(headers)):
+        elif reason := foreign(headers, reads=scope["method"] in ("GET", "HEAD")):
             answer = _refusal(403, reason)
         await answer(scope, receive, send_with_headers)
 
@@ -170,15 +171,17 @@ def is_own_name(host: str) -> bool:
     return True
 
 
-def foreign(headers: Headers) -> str:
-    """Return the reason to refuse a request that changes state; empty if accepted."""
+def foreign(headers: Headers, *, reads: bool) -> str:
+    """Return the reason to refuse a request, which ``reads`` or changes state; empty if accepted."""
+    is_own_site = headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
+    if reads:
+        is_link = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) == ("navigate", "document")
+        return "" if is_own_site or is_link else OTHER_SITE
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return "the content type must be application/json"
     origin = headers.get("origin")
     is_foreign = origin is not None and urlsplit(origin).netloc != headers.get("host")
-    if is_foreign or headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-        return "the request comes from another site"
-    return ""
+    return OTHER_SITE if is_foreign or not is_own_site else ""
 
 
 def _machine() -> tuple[str, str]:

@@ -371,6 +371,20 @@ def test_commands_of_other_sites_are_refused(run, headers):
     assert (answer.status_code, desk.asked) == (403, [])
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+@pytest.mark.parametrize("path", ["/api/ask?question=Why", "/api/picture", "/api/live", "/"])
+def test_other_sites_cannot_make_the_server_work(run, site, path):
+    """Their pages cannot read answers, but a browser sends their requests."""
+    for mode, dest in (("no-cors", "image"), ("cors", "empty"), ("navigate", "iframe")):
+        headers = {"sec-fetch-site": site, "sec-fetch-mode": mode, "sec-fetch-dest": dest}
+        assert client(run, Desk())(path, headers=headers).status_code == 403, (mode, dest)
+
+
+def test_a_link_of_another_site_opens_the_page(run):
+    headers = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    assert client(run, Desk())("/", headers=headers).status_code == 200
+
+
 def test_commands_of_the_page_are_accepted(run):
     headers = {"origin": HOME, "sec-fetch-site": "same-origin"}
     assert client(run, Desk())("/api/command", "POST", headers=headers, **command()).status_code == 200
