@@ -1,12 +1,14 @@
-"""Text from files, people and the network, without the characters that control a terminal."""
+"""Text from files, people and the network, without the characters that control a terminal, or that XML cannot hold."""
 
 from __future__ import annotations
 
 import logging
 import re
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control characters but tab and line feed, bidirectional controls, line separators and lone surrogates."""
+_CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
+)
+"""Control characters but tab and line feed, bidirectional controls, line separators, and what is no character."""
 
 
 def without_controls(text: str) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from socialbot.core.errors import RunError
 from socialbot.core.paths import writing
+from socialbot.core.terminal import without_controls
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.visits import visits_of
 
@@ -29,7 +30,8 @@ Annotation = tuple[float, float, str]
 def write_csv(run: RecordedRun, path: Path) -> int:
     """Write a row per record of a run: time, number of the frame, source, kind, text, id and cause.
 
-    Labels of the run are further columns, the same in every row.
+    Labels of the run are further columns, the same in every row. A text that a spreadsheet would calculate begins with
+    an apostrophe.
 
     Returns:
         The number of rows.
@@ -37,7 +39,7 @@ def write_csv(run: RecordedRun, path: Path) -> int:
     Raises:
         RunError: The file cannot be written.
     """
-    labels: dict[str, str] = dict(run.results.get("labels", {}))
+    labels = {_cell(name): _cell(value) for name, value in run.results.get("labels", {}).items()}
     frame = rows = 0
     with writing(path, RunError, remedy="give another file"), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -46,9 +48,14 @@ def write_csv(run: RecordedRun, path: Path) -> int:
             rows += 1
             frame += record.kind == "detection"
             seconds = f"{run.history.seconds(record.stamp):.3f}"
-            fields = (record.source, record.kind, record.what, record.id, record.cause)
+            fields = map(_cell, (record.source, record.kind, record.what, record.id, record.cause))
             writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
     return rows
+
+
+def _cell(text: str) -> str:
+    text = without_controls(text)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\n")) else text
 
 
 def write_elan(run: RecordedRun, path: Path) -> int:
@@ -72,14 +79,16 @@ def write_elan(run: RecordedRun, path: Path) -> int:
     if (video := run.folder / "annotated.mp4").is_file():
         ElementTree.SubElement(header, "MEDIA_DESCRIPTOR", MEDIA_URL=video.resolve().as_uri(), MIME_TYPE="video/mp4")
     for name, value in run.results.get("labels", {}).items():
-        ElementTree.SubElement(header, "PROPERTY", NAME=name).text = value
+        ElementTree.SubElement(header, "PROPERTY", NAME=without_controls(name)).text = without_controls(value)
     order = ElementTree.SubElement(document, "TIME_ORDER")
     for number, time in enumerate(times, 1):
         ElementTree.SubElement(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{number}", TIME_VALUE=str(time))
     slots = {time: f"ts{number}" for number, time in enumerate(times, 1)}
     count = 0
     for name, found in tiers.items():
-        tier = ElementTree.SubElement(document, "TIER", LINGUISTIC_TYPE_REF="default-lt", TIER_ID=name)
+        tier = ElementTree.SubElement(
+            document, "TIER", LINGUISTIC_TYPE_REF="default-lt", TIER_ID=without_controls(name)
+        )
         for begin_s, end_s, text in found:
             count += 1
             begin, end = slots[round(begin_s * 1000)], slots[round(end_s * 1000)]
@@ -87,7 +96,7 @@ def write_elan(run: RecordedRun, path: Path) -> int:
                 ElementTree.SubElement(tier, "ANNOTATION"), "ALIGNABLE_ANNOTATION",
                 ANNOTATION_ID=f"a{count}", TIME_SLOT_REF1=begin, TIME_SLOT_REF2=end,
             )  # fmt: skip
-            ElementTree.SubElement(annotation, "ANNOTATION_VALUE").text = text
+            ElementTree.SubElement(annotation, "ANNOTATION_VALUE").text = without_controls(text)
     ElementTree.SubElement(
         document, "LINGUISTIC_TYPE", LINGUISTIC_TYPE_ID="default-lt", TIME_ALIGNABLE="true", GRAPHIC_REFERENCES="false"
     )

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 from socialbot.core.errors import ParameterError
 from socialbot.core.paths import writing
+from socialbot.core.terminal import without_controls
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ def write_junit(file: Path, suites: Mapping[str, Sequence[TestCase]]) -> None:
             "errors": sum(bool(each.error) for each in cases),
             "skipped": sum(bool(each.skipped) for each in cases),
         }
-        suite = ElementTree.SubElement(root, "testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}})
+        named = {"name": without_controls(name), **{key: str(n) for key, n in counts.items()}}
+        suite = ElementTree.SubElement(root, "testsuite", named)
         for case in cases:
             _add(suite, case)
     with writing(file, ParameterError):
@@ -64,19 +66,15 @@ def _add(suite: ElementTree.Element, case: TestCase) -> None:
     more = {"line": str(case.line)} if case.line else {}
     if case.seconds is not None:
         more["time"] = f"{case.seconds:.3f}"
-    found = ElementTree.SubElement(suite, "testcase", {"classname": case.classname, "name": case.name, **more})
+    names = {"classname": without_controls(case.classname), "name": without_controls(case.name)}
+    found = ElementTree.SubElement(suite, "testcase", {**names, **more})
     if case.failure:
-        text = _printable("\n".join(case.failure))
+        text = without_controls("\n".join(case.failure))
         ElementTree.SubElement(found, "failure", message=text.partition("\n")[0]).text = text
     if case.error:
-        text = _printable(case.error)
+        text = without_controls(case.error)
         ElementTree.SubElement(found, "error", message=text.partition("\n")[0]).text = text
     if case.skipped:
-        ElementTree.SubElement(found, "skipped", message=_printable(case.skipped))
+        ElementTree.SubElement(found, "skipped", message=without_controls(case.skipped))
     if case.output:
-        ElementTree.SubElement(found, "system-out").text = _printable("\n".join(case.output))
-
-
-def _printable(text: str) -> str:
-    """Replace control characters, which XML cannot hold."""
-    return "".join(each if each in "\n\t" or each >= " " else "\ufffd" for each in text)
+        ElementTree.SubElement(found, "system-out").text = without_controls("\n".join(case.output))

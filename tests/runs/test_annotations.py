@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import shutil
 import xml.etree.ElementTree as ElementTree
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from socialbot.core.errors import RunError
@@ -45,6 +47,21 @@ def test_a_table_has_a_row_per_record(folder: Path, tmp_path: Path):
     assert [(row[6], int(row[1])) for row in rows] == [(record.id, record.stamp) for record in run.history]
     (said,) = [row for row in rows if row[4] == "utterance"]
     assert (said[0], said[2], said[5]) == ("0.700", "8", "Hello! Nice to see you.")
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1+1", "@SUM(1)", "\t=1", "\n=1", "\r=1", "\x1b]0;t\x07\ufffe"])
+def test_texts_of_strangers_are_neither_formulas_nor_control_characters(folder: Path, tmp_path: Path, text: str):
+    copied = shutil.copytree(folder, tmp_path / "run")
+    trace = copied / "trace.jsonl"
+    records = [msgspec.json.decode(line) for line in trace.read_bytes().splitlines()]
+    trace.write_bytes(b"\n".join(msgspec.json.encode({**each, "what": text + each["what"]}) for each in records))
+    run = open_run(copied)
+    write_csv(run, tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert not [cell for cell in cells if cell.startswith(tuple("=+-@\t\r\n")) or "\x1b" in cell]
+    assert write_elan(run, tmp_path / "run.eaf")
+    assert tiers(tmp_path / "run.eaf")
 
 
 def test_elan_gets_visitors_speech_beliefs_goals_and_actions(folder: Path, tmp_path: Path):
