@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -211,6 +211,19 @@ class _Standing(NamedTuple):
         if self.facing_rad is None:
             return aside > _SIDE_RAD
         return abs(self.facing_rad - aside) <= _TURNED_RAD
+
+
+def may_join(person: PersonDetection, others: Iterable[tuple[float, float]]) -> bool:
+    """Whether a person who stands may talk to one of the ``others`` (m, in the robot's base) rather than to the robot.
+
+    People before the robot may also stand in a queue, one behind the other.
+    """
+    place = place_of(person)
+    if place is None or _is_facing_known(person):
+        return False
+    one, is_far = _Standing(*place, None), math.hypot(*place) > _STANDS_M
+    near = (_Standing(*other, None) for other in others if math.dist(place, other) <= _TOGETHER_M)
+    return any(is_far or (one.may_face(other) and other.may_face(one)) for other in near)
 
 
 class _Talk(NamedTuple):

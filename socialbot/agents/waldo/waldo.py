@@ -19,6 +19,7 @@ from socialbot.agents.waldo.encounters import (
     attention,
     in_base,
     is_undecided,
+    may_join,
     path_of,
     place_of,
     slower,
@@ -378,6 +379,10 @@ class PersonSensor(Sensor):
                 continue
             if placed and not faces:
                 self._sees_faces = False
+            stands = path is not None and not path.is_walk
+            joins = stands and not faces and may_join(looks[-1], self._bystanders(person))
+            if joins and not engaged:
+                continue
             looks = telling(looks)
             judged = [attention(look, path, self._config.engage_m, faces=faces, before=engaged) for look in looks]
             share = fmean(attentive for attentive, _ in judged)
@@ -390,12 +395,19 @@ class PersonSensor(Sensor):
                     self._came.add(person)
                     yield (+comes(person)).because(why)
                 yield (+engages(person)).because(why)
-            elif engaged and share < 0.25:
+            elif engaged and (share < 0.25 or (joins and person in self._coming)):
                 self._engaged.remove(person)
                 yield (-engages(person)).because(why)
                 yield from self._arrive(person, why)
             elif not path.is_walk if path is not None else not is_new:
                 yield from self._arrive(person, why)
+
+    def _bystanders(self, person: str) -> Iterator[tuple[float, float]]:
+        """Places of others who are present, in view or lost from it a moment ago, and do not attend to the robot."""
+        since = self._frames[-1].stamp - nanoseconds(_RENAMED_S)
+        for other, place in self._places.items():
+            if other in self._there and other not in {person, *self._engaged} and self._seen_at[other] > since:
+                yield place
 
     def _arrive(self, person: str, why: str) -> Iterator[Event]:
         """Believe that a person has stopped walking up, or was not coming."""

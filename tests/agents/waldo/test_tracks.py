@@ -413,6 +413,42 @@ def test_people_who_stand_together_converse_without_faces():
     assert OFFER not in corridor.said
 
 
+@pytest.mark.parametrize("facing_rad", [None, 1.2])
+@pytest.mark.parametrize("second", [(3.5, 1.4), (4.7, 2.6)], ids=["beside", "behind"])
+def test_without_faces_people_who_stop_at_each_other_are_not_greeted(second, facing_rad):
+    corridor = Corridor()
+    corridor.faces = False
+    corridor.see(times=10)
+    ahead, left = second
+    for tenth in reversed(range(30)):
+        late = max(tenth - 6, 0)
+        corridor.see(at("t1", 3.3, 2.6 + 0.1 * late, 1.2), at("t2", ahead, left - 0.1 * tenth, 1.2))
+    corridor.see(at("t1", 3.3, 2.6, facing_rad), at("t2", ahead, left, facing_rad), times=8)
+    corridor.until(12.0, at("t1", 3.3, 2.6), at("t2", ahead, left))
+    assert corridor.said == []
+
+
+def test_without_faces_a_person_who_walks_up_to_another_one_is_not_greeted():
+    corridor = Corridor(engage_m=3.6)
+    corridor.faces = False
+    corridor.see(at("t1", 3.9, 0.8), times=10)
+    for tenth in range(20):
+        corridor.see(at("t1", 3.9, 0.8), at("t2", 5.4 - 0.1 * tenth, 0.1, 0.1))
+    corridor.see(at("t1", 3.9, 0.8), at("t2", 3.4, 0.1, 0.1), times=4)  # the direction of the walk
+    corridor.until(12.0, at("t1", 3.9, 0.8), at("t2", 3.4, 0.1))
+    assert corridor.said == []
+
+
+def test_without_faces_the_second_one_of_a_queue_is_greeted():
+    corridor = Corridor()
+    corridor.faces = False
+    corridor.see(at("t1", 1.5, 0.1), times=40)
+    for tenth in range(28):
+        corridor.see(at("t1", 1.5, 0.1), at("t2", 5.2 - 0.1 * tenth, 0.1, 0.1))
+    corridor.until(14.0, at("t1", 1.5, 0.1), at("t2", 2.5, 0.1))
+    assert corridor.said.count(GREETING) == 2
+
+
 @pytest.mark.parametrize("seconds", [5.0, 9.0], ids=["before an offer is due", "after it"])
 def test_a_person_whose_track_changes_has_stayed_since_the_first_one(seconds):
     corridor = Corridor()
