@@ -162,7 +162,7 @@ def _labelled(
     paths: list[Path], images: Path | None, truth: Path | None, format: str | None, people: list[str]
 ) -> list[LabelledSource]:
     """Open the bags and data sets ``paths``, and the labelled ``images``."""
-    from socialbot.vision.metrics.formats import labelled_sources, sniff
+    from socialbot.vision.metrics.formats import labelled_sources
     from socialbot.vision.metrics.frames import bag_source, with_own_names
 
     if truth is not None and images is None and len(paths) != 1:
@@ -172,7 +172,7 @@ def _labelled(
         raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or use --images")
     sources = []
     for path in paths:
-        if path.exists() and not _is_bag(path) and (format or sniff(path)):
+        if path.exists() and (format or not _is_bag(path)):
             found = labelled_sources(path, truth if images is None else None, format, people)
         else:
             found = [bag_source(path, truth if images is None else None)]
@@ -183,7 +183,8 @@ def _labelled(
 
 
 def _is_bag(path: Path) -> bool:
-    return (path / "metadata.yaml").is_file() or path.suffix in (".mcap", ".db3", ".bag")
+    files = [path] if path.is_file() else [*path.glob("metadata.yaml"), *path.glob("*.mcap"), *path.glob("*.db3")]
+    return any(each.name == "metadata.yaml" or each.suffix in (".mcap", ".db3", ".bag") for each in files)
 
 
 def _sources(known: list[LabelledSource], split: str | None, errors: Console) -> tuple[LabelledSource, ...]:

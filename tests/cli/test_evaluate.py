@@ -89,6 +89,13 @@ def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):
     assert {entry["image_id"] for entry in json.loads((tmp_path / "results.json").read_text())} <= {1, 2, 3, 4}
 
 
+def test_folder_of_images_with_labels_elsewhere(tmp_path):
+    pictures = drawn_pictures(tmp_path / "room", 1)
+    labels = (pictures / "persons.json").rename(tmp_path / "mine.json")
+    ended = evaluate(pictures, "--truth", labels, *QUICKLY, "--no-speed")
+    assert ended.returncode == 0, ended.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "where"),
     [

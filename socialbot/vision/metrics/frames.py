@@ -45,6 +45,9 @@ from socialbot.vision.metrics.truth import (
 HFOV_RAD = 1.09
 """Horizontal field of view of a bag without camera_info; that of the node `person_detector`."""
 
+Key = int | float | str
+"""Id of an image or a class in a data set."""
+
 IMAGE_NS = SECOND
 """Distance between the stamps of independent images."""
 
@@ -254,7 +257,7 @@ class LabelledFrame:
     complete: bool = True
     ranged: bool = True
     light: str = ""
-    number: int | str | None = None
+    number: Key | None = None
     size: tuple[int, int] | None = None
 
     def clipped(self, width: int, height: int) -> LabelledFrame:
@@ -289,7 +292,7 @@ class LabelledSource:
     least_visible: float = LEAST_VISIBLE
     format: str = "socialbot"
     identities: bool = True
-    category: int | str = 1
+    category: Key = 1
     notes: tuple[str, ...] = ()
 
 

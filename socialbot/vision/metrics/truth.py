@@ -19,6 +19,7 @@ image. Its ``objects`` are all objects of that image.
 
 from __future__ import annotations
 
+import codecs
 import itertools
 from collections.abc import Iterable
 from pathlib import Path
@@ -140,10 +141,17 @@ def truth_beside(bag: Path) -> Path:
     return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
 
 
+def utf8(data: bytes) -> bytes:
+    """Text without a byte order mark; text in UTF-16 with one becomes UTF-8."""
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return data.decode("utf-16", "replace").encode()
+    return data.removeprefix(codecs.BOM_UTF8)
+
+
 def read_json(path: str | Path) -> bytes:
-    """Read a file. Raises TruthError if that fails."""
+    """Read a text file as UTF-8. Raises TruthError if that fails."""
     try:
-        return read_bytes(Path(path))
+        return utf8(read_bytes(Path(path)))
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=str(path), remedy="check the path") from error
 

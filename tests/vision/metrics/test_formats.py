@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from tests.vision.metrics.label_files import (
     KITTI,
     TRACKING,
     WIDTH,
+    YAML,
     YOLO,
     coco,
     one,
@@ -26,6 +28,9 @@ from tests.vision.metrics.label_files import (
     voc,
     write,
 )
+
+MASK = "df4`2X1000000000000000000hNROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0b1000000000000000000l`:"
+"""Run lengths of BOX with a hole, as pycocotools writes them."""
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -151,6 +156,46 @@ def test_further_classes_of_people(tmp_path):
     assert one(tmp_path, people=["museum visitor"]).frames[0].persons[0].counts
 
 
+@pytest.mark.parametrize("mark", [codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE])
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_text_with_a_byte_order_mark_and_lines_of_windows(tmp_path, name, mark):
+    format, files, images = EXAMPLES[name]
+    encoding = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}.get(mark, "utf-8")
+    write(tmp_path / "plain", files, images)
+    write(tmp_path / "marked", {}, images)
+    for file, text in files.items():
+        (tmp_path / "marked" / file).parent.mkdir(parents=True, exist_ok=True)
+        lines = text.replace("\n", "\r\n").replace("utf-8", "utf-8" if mark == codecs.BOM_UTF8 else "utf-16")
+        (tmp_path / "marked" / file).write_bytes(mark + lines.encode(encoding))
+    assert sniff(tmp_path / "marked") == format
+    plain, marked = (one(tmp_path / folder).frames for folder in ("plain", "marked"))
+    assert [[(each.box, each.ignore) for each in frame.persons] for frame in marked] == [
+        [(each.box, each.ignore) for each in frame.persons] for frame in plain
+    ]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("a.json", '{"images": [NaN], "annotations": []}', "malformed"),
+        ("annotations/a.json", "", "truncated"),
+        ("a.xml", f"\n<?xml version='1.0'?>{voc(thing('person'))}", "line 2: not valid XML"),
+        ("Annotations/a.xml", "", "line 1: not valid XML"),
+    ],
+)
+def test_damaged_file_in_a_folder_is_named(tmp_path, file, text, message):
+    write(tmp_path, {file: text})
+    with pytest.raises(TruthError, match=message) as error:
+        labelled_sources(tmp_path)
+    assert str(tmp_path / file) in str(error.value)
+
+
+def test_archive_is_to_be_unpacked(tmp_path):
+    (tmp_path / "task.zip").write_bytes(b"PK")
+    with pytest.raises(TruthError, match=r"no labels of a known format\n *remedy: unpack it"):
+        labelled_sources(tmp_path / "task.zip")
+
+
 def test_skipped_classes_are_reported(tmp_path):
     write(tmp_path, {"coco.json": coco()})
     assert one(tmp_path).notes == ("not used: 1 box of class car",)
@@ -202,6 +247,44 @@ def test_impossible_box_of_another_class_is_counted_with_its_class(tmp_path):
     assert "not used: 1 box of class cat" in one(tmp_path).notes
 
 
+@pytest.mark.parametrize("counts", [[4820, *[80, 40] * 29, 80, 10820], MASK])
+@pytest.mark.parametrize("box", [{}, {"bbox": None}, {"bbox": []}])
+def test_coco_mask_without_a_box(tmp_path, counts, box):
+    mask = {"image_id": 7, "category_id": 3, "segmentation": {"size": [HEIGHT, WIDTH], "counts": counts}, **box}
+    source = one(write(tmp_path, {"a.json": coco(annotations=[mask, {**mask, "iscrowd": 1}])}))
+    assert [person.box for person in source.frames[0].persons] == [BOX]
+    assert [region.box for region in source.frames[0].ignore] == [BOX]
+
+
+@pytest.mark.parametrize(
+    ("size", "counts", "box"),
+    [
+        ((4, 5), [5, 2, 13], (1, 1, 1, 2)),
+        ((4, 5), [7, 2, 11], (1, 0, 2, 4)),
+        ((4, 5), [0, 20], (0, 0, 5, 4)),
+        ((4, 5), [3, 0, 2, 1, 14], (1, 1, 1, 1)),
+        ((4, 5), [21, 1], None),
+        ((4, 5), [5, -2, 17], None),
+        ((0, 5), [1, 1], None),
+        ((4, 5), [20], None),
+        ((4, 5), "p", None),
+    ],
+)
+def test_coco_box_around_a_mask(tmp_path, size, counts, box):
+    mask = {"image_id": 7, "category_id": 3, "segmentation": {"size": size, "counts": counts}}
+    write(tmp_path, {"a.json": coco(annotations=[mask])})
+    if box is None:
+        with pytest.raises(TruthError, match="no bbox"):
+            labelled_sources(tmp_path)
+    else:
+        assert one(tmp_path).frames[0].persons[0].box == box
+
+
+def test_coco_ids_that_are_written_with_a_point(tmp_path):
+    boxes = [{"id": 1.0, "image_id": 7.0, "category_id": 3.0, "bbox": BOX}]
+    assert one(write(tmp_path, {"a.json": coco(annotations=boxes)})).frames[0].persons[0].box == BOX
+
+
 def test_coco_image_named_by_its_address_alone(tmp_path):
     listed = [{"id": 7, "coco_url": "http://images.cocodataset.org/val2017/a.jpg"}, {"id": 9, "file_name": "b.jpg"}]
     source = one(write(tmp_path, {"lvis.json": coco(images=listed)}))
@@ -220,6 +303,37 @@ def test_coco_videos_are_sequences(tmp_path):
     assert source.identities
     assert [frame.stamp for frame in source.frames] == [0, SECOND // 10, SECOND // 5]
     assert [frame.name for frame in source.frames] == ["2.jpg", "1.jpg", "0.jpg"]
+
+
+def test_coco_videos_with_frame_index_and_without_rate(tmp_path):
+    images = [{"id": n, "file_name": f"{n}.jpg", "video_id": 1, "frame_index": 30 * n} for n in range(2)]
+    boxes = [{"image_id": n, "category_id": 3, "bbox": BOX, "track_id": 5} for n in range(2)]
+    files = {"tao.json": coco(images=images, annotations=boxes, videos=[{"id": 1, "name": "hall"}])}
+    source = one(write(tmp_path, files, ("0.jpg", "1.jpg")))
+    assert (source.images.consecutive, source.identities) == (True, True)
+    assert [frame.stamp for frame in source.frames] == [0, SECOND]
+    assert source.notes == ("videos without fps: 30 images a second are assumed",)
+
+
+def test_coco_videos_of_youtube_vis(tmp_path):
+    videos = [{"id": n, "file_names": [f"{n}/a.jpg", f"{n}/b.jpg"], "width": WIDTH, "height": HEIGHT} for n in (1, 2)]
+    mask = {"size": [HEIGHT, WIDTH], "counts": MASK}
+    people = [
+        {"id": 4, "video_id": 1, "category_id": 3, "bboxes": [BOX, None], "segmentations": [mask, None], "iscrowd": 0},
+        {"id": 5, "video_id": 1, "category_id": 3, "segmentations": [None, mask]},
+        {"id": 6, "video_id": 2, "category_id": 5, "bboxes": [None, BOX]},
+    ]
+    content = {"videos": videos, "annotations": people, "categories": json.loads(coco())["categories"]}
+    write(tmp_path, {"train.json": json.dumps(content)}, tuple(f"train/{n}/{x}.jpg" for n in (1, 2) for x in "ab"))
+    first, second = labelled_sources(tmp_path)
+    assert [[(person.id, person.box) for person in frame.persons] for frame in first.frames] == [
+        [("4", BOX)],
+        [("5", BOX)],
+    ]
+    assert [frame.name for frame in second.frames] == ["2/a.jpg", "2/b.jpg"]
+    assert not any(frame.persons for frame in second.frames)
+    assert (first.identities, first.images.consecutive, first.frames[0].size) == (True, True, (WIDTH, HEIGHT))
+    assert "not used: 1 box of class car" in first.notes
 
 
 def test_missing_images_are_reported_and_none_is_an_error(tmp_path):
@@ -243,7 +357,9 @@ def test_missing_images_are_reported_and_none_is_an_error(tmp_path):
             "the box 1, 2, -3, 4 .* impossible",
         ),
         ({"annotations": [{"image_id": 7, "category_id": 3, "bbox": "1 2 3 4"}]}, r"annotations\[0\]: Expected `array"),
+        ({"annotations": [{"image_id": "7", "category_id": 3, "bbox": BOX}]}, "image_id '7' is not"),
         ({"images": [{"id": 7, "file_name": "a.jpg"}] * 2}, "two images have the id 7"),
+        ({"categories": [{"id": 3, "name": "person"}, {"id": 3, "name": "car"}]}, "two categories have the id 3"),
         ({"images": [{"id": 7, "width": 3}]}, r"images\[0\]: no file_name"),
     ],
 )
@@ -286,6 +402,27 @@ def test_yolo_images_without_labels_show_no_person(tmp_path):
     assert [len(frame.persons) for frame in source.frames] == [1, 0, 0]
     assert "1 of 3 images have no label file: they show nobody" in source.notes
     assert "not used: 1 box of class dog" in source.notes
+
+
+@pytest.mark.parametrize(
+    "text", ["'names': [car, person]", '{"names": ["car", "person"]}', "{train: images, names: {0: car, 1: person}}"]
+)
+def test_yolo_names_in_other_notations_of_yaml(tmp_path, text):
+    files = {"dataset.yaml": text, "labels/a.txt": f"0 0.5 0.5 0.1 0.1\n1{YOLO.splitlines()[0][1:]}\n"}
+    [person] = one(write(tmp_path, files, ("images/a.jpg",))).frames[0].persons
+    assert person.box == pytest.approx(BOX, abs=0.01)
+
+
+def test_yolo_folders_in_folders(tmp_path):
+    files = {"data.yaml": YAML, "labels/train/hall/a.txt": YOLO, "labels/train/yard/a.txt": ""}
+    source = one(write(tmp_path, files, ("images/train/hall/a.jpg", "images/train/yard/a.jpg")))
+    assert [len(frame.persons) for frame in source.frames] == [1, 0]
+
+
+def test_yolo_parts_of_darknet(tmp_path):
+    files = {"train/_darknet.labels": "person\ncar\ndog\n", "train/a.txt": YOLO, "valid/b.txt": ""}
+    first, second = labelled_sources(write(tmp_path, files, ("train/a.jpg", "valid/b.jpg")))
+    assert (len(first.frames[0].persons), len(second.frames[0].persons)) == (1, 0)
 
 
 def test_yolo_without_names(tmp_path):
@@ -405,6 +542,20 @@ def test_voc_difficult_people_are_ignored(tmp_path):
 def test_voc_file_name_decides_if_the_stem_does_not(tmp_path):
     source = one(write(tmp_path, {"Annotations/007.xml": voc(thing("person"))}, ("JPEGImages/a.jpg",)))
     assert source.frames[0].name == "a.jpg"
+
+
+def test_voc_object_of_another_class_without_a_box(tmp_path):
+    files = {"Annotations/a.xml": voc(thing("person"), "<object><name>car</name><robndbox/></object>")}
+    assert "not used: 1 box of class car" in one(write(tmp_path, files, ("JPEGImages/a.jpg",))).notes
+
+
+def test_voc_folders_in_annotations(tmp_path):
+    files = {"Annotations/hall/a.xml": voc(thing("person")), "Annotations/yard/a.xml": voc()}
+    hall, yard = labelled_sources(write(tmp_path, files, ("JPEGImages/hall/a.jpg", "JPEGImages/yard/a.jpg")))
+    assert (hall.name, yard.name) == (f"{tmp_path.name}/hall", f"{tmp_path.name}/yard")
+    assert [len(each.frames[0].persons) for each in (hall, yard)] == [1, 0]
+    [image] = yard.images.read()
+    assert image.name.endswith("yard/a.jpg")
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,37 @@ def test_mot_without_ids_is_not_scored_for_identity(tmp_path):
     assert len(source.frames[0].persons) == 2
 
 
+def test_mot_class_and_visible_share_before_a_tenth_column(tmp_path):
+    text = "1,1,40,20,30,80,1,1,0.5,-1\n1,2,60,20,30,80,1,3,1,-1\n"
+    source = one(write(tmp_path, {"gt.txt": text}, ("1.jpg",)))
+    assert [(person.id, person.visible) for person in source.frames[0].persons] == [("1", 0.5)]
+    assert "not used: 1 box of class car" in source.notes
+
+
+@pytest.mark.parametrize(
+    "images", [("1.jpg", "2.jpg", "3.jpg"), ("0.jpg", "1.jpg", "2.jpg"), ("a.jpg", "b.jpg", "c.jpg")]
+)
+def test_mot_frames_from_zero(tmp_path, images):
+    text = "0,1,40,20,30,80,1,1,1\n1,1,50,20,30,80,1,1,1\n"
+    source = one(write(tmp_path, {"gt.txt": text}, images))
+    assert [[person.x for person in frame.persons] for frame in source.frames] == [[40], [50], []]
+    assert not any("no image" in note for note in source.notes)
+
+
+def test_mot_images_from_zero_and_labels_from_one_are_told(tmp_path):
+    source = one(write(tmp_path, {"gt.txt": "1,1,40,20,30,80,1,1,1\n"}, ("0.jpg", "1.jpg")))
+    assert [len(frame.persons) for frame in source.frames] == [0, 1]
+    assert "image 0 has no label: the numbers of the images are taken for frames" in source.notes
+
+
+def test_mot_note_names_the_last_frame_without_an_image(tmp_path):
+    text = "".join(f"{frame},1,40,20,30,80,1,1,1\n" for frame in (1, 3, 4))
+    assert (
+        "2 labelled frames have no image; the last is frame 4"
+        in one(write(tmp_path, {"gt.txt": text}, ("1.jpg", "2.jpg"))).notes
+    )
+
+
 def test_mot_image_numbers_are_frames_where_they_fit(tmp_path):
     source = one(write(tmp_path, {"gt.txt": "9,1,40,20,30,80,1,1,1\n"}, ("7.jpg", "8.jpg", "9.jpg")))
     assert [len(frame.persons) for frame in source.frames] == [0, 0, 1]

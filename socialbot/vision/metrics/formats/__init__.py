@@ -11,11 +11,11 @@ from pathlib import Path
 
 import msgspec
 
-from socialbot.core.errors import ParameterError, suggestion
-from socialbot.core.reading import read_bytes
+from socialbot.core.errors import ParameterError, TruthError, suggestion
 from socialbot.core.registry import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
+from socialbot.vision.metrics.formats._xml import read_xml
 from socialbot.vision.metrics.formats.coco import COCO
 from socialbot.vision.metrics.formats.cvat import CVAT
 from socialbot.vision.metrics.formats.kitti import KITTI
@@ -23,6 +23,7 @@ from socialbot.vision.metrics.formats.mot import MOT
 from socialbot.vision.metrics.formats.voc import VOC
 from socialbot.vision.metrics.formats.yolo import YOLO
 from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources, with_own_names
+from socialbot.vision.metrics.truth import parse_json, read_json
 
 __all__ = ["FORMATS", "LabelFormat", "Labels", "label_format", "labelled_images", "labelled_sources", "sniff"]
 
@@ -37,6 +38,9 @@ SOCIALBOT = LabelFormat(
 FORMATS = {each.name: each for each in (SOCIALBOT, COCO, MOT, KITTI, YOLO, VOC, CVAT)}
 """Formats by name, in the order in which they are tried."""
 
+ARCHIVES = frozenset({".7z", ".gz", ".rar", ".tar", ".tgz", ".zip"})
+MOST_FILES = 100
+
 
 def _own_labels(path: Path, images: Path | None) -> list[LabelledSource]:
     if path.is_dir():
@@ -49,8 +53,8 @@ def _is_own(path: Path) -> bool:
     if path.suffix.lower() != ".json" or COCO.is_file(path):
         return False
     try:
-        content = msgspec.json.decode(read_bytes(path))
-    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        content = msgspec.json.decode(read_json(path))
+    except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return True
     entries = content if isinstance(content, list) else []
     return path.name == LABELS_FILE or any(
@@ -63,6 +67,17 @@ def sniff(path: Path) -> str | None:
     is_folder = path.is_dir()
     known = (name for name, each in FORMATS.items() if (each.places(path) if is_folder else each.is_file(path)))
     return next(known, None)
+
+
+def _refuse_damaged(path: Path) -> None:
+    """Raise TruthError for a damaged XML or JSON file, whose format cannot be recognised."""
+    places = (path, path / "annotations", path / "Annotations")
+    files = [path] if path.is_file() else sorted(file for place in places for file in place.glob("*"))[:MOST_FILES]
+    for file in files:
+        if file.suffix.lower() == ".xml":
+            read_xml(file)
+        elif file.suffix.lower() == ".json":
+            parse_json(read_json(file), object, where=str(file), remedy="export it again")
 
 
 def label_format(name: str) -> LabelFormat:
@@ -109,8 +124,11 @@ def labelled_sources(
     if chosen is None:
         name = sniff(labels)
         if name is None:
+            _refuse_damaged(labels)
             expected = "; ".join(f"{each.name}: {each.expected}" for each in FORMATS.values())
-            remedy = f"expected is {expected}. Name one with --format, or convert others to COCO"
+            remedy = f"expected is a bag, or {expected}. Name one with --format, or convert others to COCO"
+            if labels.suffix.lower() in ARCHIVES:
+                remedy = "unpack it, and give its folder"
             raise fault("no labels of a known format", labels, remedy)
         chosen = FORMATS[name]
     place = images if truth is not None else None

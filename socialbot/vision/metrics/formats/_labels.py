@@ -24,11 +24,12 @@ from socialbot.vision.metrics.frames import (
     Box,
     FolderImages,
     ImageSequence,
+    Key,
     LabelledFrame,
     LabelledSource,
     VideoImages,
 )
-from socialbot.vision.metrics.truth import Person, Region
+from socialbot.vision.metrics.truth import Person, Region, utf8
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm"})
@@ -79,7 +80,7 @@ def fault(what: str, where: object, remedy: str) -> TruthError:
 def read_text(path: Path) -> str:
     """Read a text file. Raises TruthError if that fails."""
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return utf8(read_bytes(path)).decode()
     except OSError as error:
         raise fault(error.strerror or str(error), path, "check the path") from error
     except UnicodeDecodeError as error:
@@ -92,10 +93,10 @@ def first_line(path: Path) -> str:
         return ""
     try:
         with open_file(path) as file:
-            line = next((each for each in (file.readline(4096) for _ in range(5)) if each.strip()), b"")
+            lines = utf8(file.read(1 << 15)).decode("utf-8", "replace").splitlines()[:5]
     except OSError:
         return ""
-    return line.decode("utf-8", "replace")
+    return next(filter(str.strip, lines), "")
 
 
 def text_files(folder: Path) -> list[Path]:
@@ -151,16 +152,16 @@ class Labels:
 
     path: Path
     people: Sequence[str] = ()
-    persons: dict[int | str, list[Person]] = field(default_factory=dict)
-    regions: dict[int | str, list[Region]] = field(default_factory=dict)
+    persons: dict[Key, list[Person]] = field(default_factory=dict)
+    regions: dict[Key, list[Region]] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     skipped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
-    _taken: set[tuple[int | str, str]] = field(default_factory=set)
+    _taken: set[tuple[Key, str]] = field(default_factory=set)
 
     def add(
         self,
-        key: int | str,
+        key: Key,
         name: str,
         box: Box,
         where: str,
@@ -230,7 +231,7 @@ class Labels:
         entries: Sequence[Entry],
         *,
         identities: bool = False,
-        category: int | str = 1,
+        category: Key = 1,
     ) -> LabelledSource:
         """Make a source of the images ``entries``, in order; other images have been left out."""
         ranged = any(person.distance_m is not None for there in self.persons.values() for person in there)
@@ -268,10 +269,10 @@ def _some(names: Sequence[str]) -> str:
 class Entry:
     """Image of a source: key of its labels, name, stamp (ns), number in the data set, and labelled size."""
 
-    key: int | str
+    key: Key
     name: str
     stamp: int
-    number: int | str | None = None
+    number: Key | None = None
     size: tuple[int, int] | None = None
 
 
@@ -314,7 +315,7 @@ class ImageFinder:
                 return path
         if self._index is None:
             self._index = {}
-            for path in (path for root in self.roots for path in _below(root, DEEP)):
+            for path in (path for root in self.roots for path in images_below(root)):
                 for key in {path.name, path.stem}:
                     self._index.setdefault(key, []).append(path)
         found = self._index.get(parts[-1]) or self._index.get(Path(parts[-1]).stem) or []
@@ -330,14 +331,15 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _below(folder: Path, depth: int) -> Iterator[Path]:
+def images_below(folder: Path, depth: int = DEEP) -> Iterator[Path]:
+    """Images in ``folder`` and its visible folders, down to ``depth``, in natural order."""
     if not folder.is_dir():
         return
     for path in sorted(folder.iterdir(), key=natural):
         if path.suffix.lower() in IMAGE_SUFFIXES:
             yield path
         elif depth and path.is_dir() and not path.name.startswith("."):
-            yield from _below(path, depth - 1)
+            yield from images_below(path, depth - 1)
 
 
 def _shared_end(path: Path, parts: Sequence[str]) -> int:

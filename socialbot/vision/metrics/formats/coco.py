@@ -1,8 +1,13 @@
-"""COCO: a JSON file with images, annotations and categories; COCO-VID adds videos and instance ids."""
+"""COCO: a JSON file with images, annotations and categories.
+
+COCO-VID adds videos and instance ids. YouTube-VIS has videos with names of images, and one annotation for each person.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +15,7 @@ import msgspec
 
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
-from socialbot.core.reading import read_bytes
+from socialbot.core.errors import TruthError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,
@@ -25,13 +30,11 @@ from socialbot.vision.metrics.formats._labels import (
     sequence,
     single_images,
 )
-from socialbot.vision.metrics.frames import LabelledSource
+from socialbot.vision.metrics.frames import Key, LabelledSource
 from socialbot.vision.metrics.truth import parse_json, read_json
 
 ROBOFLOW = "_annotations.coco.json"  # The same name in each folder of a data set of Roboflow.
 REMEDY = "give a COCO file with images, annotations (with bbox) and categories, such as instances_val2017.json"
-
-Key = int | str
 
 
 class _Image(msgspec.Struct):
@@ -42,6 +45,11 @@ class _Image(msgspec.Struct):
     height: float | None = None
     video_id: Key | None = None
     frame_id: int | None = None
+    frame_index: int | None = None  # TAO
+
+    def __post_init__(self) -> None:
+        if self.frame_id is None:
+            self.frame_id = self.frame_index
 
 
 class _Category(msgspec.Struct):
@@ -50,7 +58,7 @@ class _Category(msgspec.Struct):
 
 
 class _Annotation(msgspec.Struct):
-    image_id: Key
+    image_id: Key = ""
     category_id: Key | None = None
     bbox: list[float] | None = None
     segmentation: msgspec.Raw = msgspec.Raw(b"null")
@@ -63,6 +71,14 @@ class _Annotation(msgspec.Struct):
     distance_m: float | None = None
     score: float | None = None
     segments_info: list[msgspec.Raw] = []  # of panoptic labels: all objects of an image
+    video_id: Key | None = None
+    bboxes: list[list[float] | None] = []  # of YouTube-VIS: the boxes of a person in all images of the video
+    segmentations: list[msgspec.Raw] = []
+
+
+class _Mask(msgspec.Struct):
+    size: tuple[int, int]
+    counts: list[int] | str
 
 
 class _Segment(msgspec.Struct):
@@ -76,22 +92,25 @@ class _Video(msgspec.Struct):
     id: Key
     name: str = ""
     fps: float | None = None
+    file_names: list[str] = []
+    width: float | None = None
+    height: float | None = None
 
 
 class _File(msgspec.Struct):
-    images: list[msgspec.Raw]
     annotations: list[msgspec.Raw]
+    images: list[msgspec.Raw] = []
     categories: list[msgspec.Raw] = []
     videos: list[msgspec.Raw] = []
 
 
 def is_coco(path: Path) -> bool:
-    """Whether a file is a JSON object with images and annotations."""
+    """Whether a file is a JSON object with images or videos, and annotations."""
     try:
-        msgspec.json.decode(read_bytes(path), type=_File)
-    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        data = msgspec.json.decode(read_json(path), type=_File)
+    except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return False
-    return True
+    return bool(data.images or data.videos)
 
 
 def coco_files(folder: Path) -> list[Path]:
@@ -126,18 +145,25 @@ def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()
     """
     data = parse_json(read_json(path), _File, where=str(path), remedy=REMEDY)
     listed = _parsed(data.images, _Image, path, "images")
-    categories = {each.id: each.name for each in _parsed(data.categories, _Category, path, "categories")}
+    classes = _parsed(data.categories, _Category, path, "categories")
+    categories = {each.id: each.name for each in classes}
     videos = {each.id: each for each in _parsed(data.videos, _Video, path, "videos")}
+    listed += [
+        _Image(_frame_key(video.id, number), name, "", video.width, video.height, video.id, number)
+        for video in videos.values()
+        for number, name in enumerate(video.file_names)
+    ]
     labels = Labels(path, people)
     for number, image in enumerate(listed):
         image.file_name = image.file_name or image.coco_url.rpartition("/")[2]
         if not image.file_name:
             raise fault("no file_name", f"{path}: images[{number}]", REMEDY)
+    for kind, each in (("images", listed), ("categories", classes)):
+        [(id, count)] = Counter(one.id for one in each).most_common(1) or [(None, 1)]
+        if count > 1:
+            raise fault(f"two {kind} have the id {id}", path, f"give {kind} ids of their own")
     by_id = {image.id: image for image in listed}
-    if len(by_id) < len(listed):
-        twice = next(image.id for number, image in enumerate(listed) if listed[number] is not by_id[image.id])
-        raise fault(f"two images have the id {twice}", path, "give each image its own id")
-    annotations = _with_segments(_parsed(data.annotations, _Annotation, path, "annotations"), path)
+    annotations = _single(_parsed(data.annotations, _Annotation, path, "annotations"), path)
     identities = _add_annotations(labels, annotations, by_id, categories)
     labels.check_people(categories.values())
     people_ids = [id for id, name in categories.items() if role_of(name, people) == "person"]
@@ -150,6 +176,8 @@ def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()
         if found[image.id] is not None:
             video = image.video_id if image.frame_id is not None else None
             groups.setdefault(video, []).append(image)
+    if not all(id is None or _rate(videos.get(id)) for id in groups):
+        labels.notes.append(f"videos without fps: {DEFAULT_RATE_HZ:g} images a second are assumed")
     about = {"identities": identities, "category": people_ids[0] if people_ids else 1}
     return [
         _source(labels, videos.get(key) if key is not None else None, key, group, found, about)
@@ -174,7 +202,7 @@ def _source(
     else:
         group.sort(key=lambda image: image.frame_id or 0)
         paths = [place for image in group if (place := found[image.id]) is not None]
-        rate = video.fps if video and video.fps and 0 < video.fps < 1e4 else DEFAULT_RATE_HZ
+        rate = _rate(video) or DEFAULT_RATE_HZ
         frames = [image.frame_id or 0 for image in group]
         if len(set(frames)) < len(frames) or not all(abs(frame) < 1 << 31 for frame in frames):
             raise fault(f"two images of video {key} have the same frame_id", path, "number the images of each video")
@@ -189,8 +217,17 @@ def _source(
     )
 
 
-def _with_segments(annotations: list[_Annotation], path: Path) -> list[tuple[str, _Annotation]]:
-    """Each annotation with its place in the file; panoptic labels become one annotation for each segment."""
+def _rate(video: _Video | None) -> float | None:
+    return video.fps if video and video.fps and 0 < video.fps < 1e4 else None
+
+
+def _frame_key(video: Key | None, number: int) -> str:
+    """Id of an image that has none, in a video of YouTube-VIS."""
+    return f"{video}/{number}"
+
+
+def _single(annotations: list[_Annotation], path: Path) -> list[tuple[str, _Annotation]]:
+    """Annotations of one object in one image, with their places in the file."""
     found: list[tuple[str, _Annotation]] = []
     for number, each in enumerate(annotations):
         where = f"annotations[{number}]"
@@ -198,7 +235,13 @@ def _with_segments(annotations: list[_Annotation], path: Path) -> list[tuple[str
             box, crowd, area = segment.bbox, segment.iscrowd, segment.area
             one = _Annotation(each.image_id, segment.category_id, box, iscrowd=crowd, area=area)
             found.append((f"{path}: {where}.segments_info[{part}]", one))
-        if not each.segments_info:
+        none = msgspec.Raw(b"null")
+        for part, (box, mask) in enumerate(zip_longest(each.bboxes, each.segmentations)):
+            if box or bytes(mask or none) != bytes(none):
+                key, track = _frame_key(each.video_id, part), each.id
+                one = _Annotation(key, each.category_id, box, mask or none, iscrowd=each.iscrowd, track_id=track)
+                found.append((f"{path}: {where}.bboxes[{part}]", one))
+        if not (each.segments_info or each.bboxes or each.segmentations):
             found.append((f"{path}: {where}" + (f" (id {each.id})" if each.id is not None else ""), each))
     return found
 
@@ -215,10 +258,10 @@ def _add_annotations(
         refuse_score(each.score or 0, where)
         if each.image_id not in images:
             raise fault(
-                f"image_id {each.image_id} is not among the images", where, "add the image, or remove this entry"
+                f"image_id {each.image_id!r} is not among the images", where, "add the image, or remove this entry"
             )
         if each.category_id not in categories:
-            raise fault(f"category_id {each.category_id} is not among the categories", where, "add the category")
+            raise fault(f"category_id {each.category_id!r} is not among the categories", where, "add the category")
         box = each.bbox or _box_around(each.segmentation)
         if not box and role_of(categories[each.category_id], labels.people) == "other":
             labels.skipped[f"of class {categories[each.category_id]}"] += 1
@@ -243,16 +286,51 @@ def _add_annotations(
 
 
 def _box_around(segmentation: msgspec.Raw) -> list[float]:
-    """Box around the outlines of a person; empty without outlines."""
+    """Box around the outlines or the mask of a person; empty without them."""
     try:
-        outlines = msgspec.json.decode(segmentation, type=list[list[float]])
+        outlines = msgspec.json.decode(segmentation, type=list[list[float]] | _Mask | None) or []
     except msgspec.MsgspecError:
         return []
+    if isinstance(outlines, _Mask):
+        return _box_around_mask(outlines)
     across = [value for outline in outlines for value in outline[::2]]
     down = [value for outline in outlines for value in outline[1::2]]
     if not down:
         return []
     return [min(across), min(down), max(across) - min(across), max(down) - min(down)]
+
+
+def _box_around_mask(mask: _Mask) -> list[float]:
+    """Box around a mask of run lengths, which alternate between background and person, column by column."""
+    height, width = mask.size
+    runs = _run_lengths(mask.counts) if isinstance(mask.counts, str) else mask.counts
+    if height <= 0 or min(runs, default=0) < 0 or sum(runs) > height * width:
+        return []
+    across, down, at = list[int](), list[int](), 0
+    for number, length in enumerate(runs):
+        if number % 2 and length:
+            (first, top), (last, bottom) = divmod(at, height), divmod(at + length - 1, height)
+            across += [first, last]
+            down += [top, bottom] if first == last else [0, height - 1]
+        at += length
+    if not down:
+        return []
+    return [min(across), min(down), max(across) - min(across) + 1, max(down) - min(down) + 1]
+
+
+def _run_lengths(text: str) -> list[int]:
+    """Run lengths in the text of pycocotools: five bits a character; from the fourth, changes against two before."""
+    runs, value, shift = list[int](), 0, 0
+    for bits in (ord(character) - 48 for character in text):
+        value |= (bits & 31) << shift
+        shift += 5
+        if bits & 32:
+            continue
+        if bits & 16:
+            value -= 1 << shift
+        runs.append(value + (runs[-2] if len(runs) > 2 else 0))
+        value = shift = 0
+    return runs
 
 
 def _size(image: _Image) -> tuple[int, int] | None:

@@ -1,7 +1,7 @@
 """MOTChallenge: gt/gt.txt beside seqinfo.ini and the images or video of a sequence.
 
-Columns: frame (from 1), id, x, y, width, height, confidence (0: not scored), then class and visible share (MOT16 and
-later) or three coordinates (MOT15).
+Columns: frame (from 1, or from 0 if one has that number), id, x, y, width, height, confidence (0: not scored), then
+class and visible share (MOT16 and later) or three coordinates (MOT15).
 """
 
 from __future__ import annotations
@@ -102,11 +102,10 @@ def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ())
     identities = _read_lines(labels, _class_names(truth.parent / "labels.txt"))
     rate = _rate(info, folder, labels)
     found, entries = _images(folder, images, info, rate, labels)
-    last = max((int(key) for key in (*labels.persons, *labels.regions)), default=0)
     there = {entry.key for entry in entries}
     lost = {key for key in (*labels.persons, *labels.regions) if key not in there}
     if lost:
-        labels.notes.append(f"{len(lost)} labelled frames have no image; the last is frame {last}")
+        labels.notes.append(f"{len(lost)} labelled frames have no image; the last is frame {max(map(int, lost))}")
     name = info.get("name") or folder.resolve().name
     return [labels.source(name, "mot", found, entries, identities=identities)]
 
@@ -119,6 +118,8 @@ def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
         if not 6 <= len(words) <= 10:
             raise fault(f"{len(words)} columns", where, REMEDY)
         values = numbers(words, where, REMEDY)
+        if len(values) == 10 and values[9] == -1 != values[7]:
+            values.pop()  # A place is either known, or -1, -1, -1: this is class and visible share.
         frame, id, x, y, w, h = values[:6]
         widest = max(widest, w)
         rows.append(values[7:] if len(values) == 10 else [])
@@ -127,8 +128,8 @@ def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
         confidence = values[6] if len(words) > 6 else 1.0
         refuse_score(confidence, where)
         # Ten columns are those of MOT15: a place instead of class and visibility.
-        number = int(values[7]) if len(words) in (8, 9) else 1
-        visible = values[8] if len(words) == 9 else 1.0
+        number = int(values[7]) if len(values) in (8, 9) else 1
+        visible = values[8] if len(values) == 9 else 1.0
         name = names[number - 1] if 0 < number <= len(names) else f"{number}"
         labels.add(
             int(frame),
@@ -202,19 +203,22 @@ def _images(
     )
     if place is None and not videos:
         raise ImageError("no images and no video", where=str(images or folder), remedy="name them with --images")
+    known = {int(key) for key in (*labels.persons, *labels.regions)}
+    first = min(known | {1})
     if place is None:
         if len(videos) > 1:
             raise fault(f"{len(videos)} videos: {videos[0].name}, ...", folder, "name the one to use with --images")
         film, count = video(videos[0], rate)
-        stamps = {frame: round((frame - 1) * SECOND / film.rate_hz) for frame in range(1, count + 1)}
+        stamps = {first + number: round(number * SECOND / film.rate_hz) for number in range(count)}
         return film, [Entry(frame, f"frame {frame}", stamp, frame) for frame, stamp in stamps.items()]
     if rate is None:
         labels.notes.append(f"no frame rate in seqinfo.ini: {DEFAULT_RATE_HZ:g} images a second are assumed")
     paths = image_files(place)
     written = [number_in(path.name) for path in paths]
-    known = {int(key) for key in (*labels.persons, *labels.regions)}
     usable = None not in written and len(set(written)) == len(written) and known <= set(written)
-    frames = [number or 0 for number in written] if usable else list(range(1, len(paths) + 1))
+    frames = [number or 0 for number in written] if usable else list(range(first, first + len(paths)))
+    if usable and 0 in frames and first == 1:
+        labels.notes.append("image 0 has no label: the numbers of the images are taken for frames")
     order = sorted(range(len(paths)), key=frames.__getitem__)
     stamps = [round((frames[number] - min(frames)) * SECOND / (rate or DEFAULT_RATE_HZ)) for number in order]
     entries = [

@@ -17,6 +17,7 @@ from socialbot.vision.metrics.formats._labels import (
     image_files,
     missing_images,
     numbers,
+    role_of,
     single_images,
 )
 from socialbot.vision.metrics.formats._xml import at, read_xml, root_tag
@@ -28,14 +29,14 @@ REMEDY = "write name and bndbox with xmin, ymin, xmax and ymax, pixels"
 def voc_folders(folder: Path) -> list[Path]:
     """The folder of the XML files in or below ``folder``, or its parts with such files."""
     below = [folder / name for name in ("Annotations", "annotations", "annotations/xmls")]
-    place = next(
-        (each for each in (folder, *below, *sorted(folder.glob("**/Annotations"))[:1]) if _has_voc(each)), None
-    )
-    return [place] if place is not None else [part for part in folders_in(folder) if _has_voc(part)]
+    places = [each for each in (folder, *below, *sorted(folder.glob("**/Annotations"))[:1]) if each.is_dir()]
+    whole = next((each for each in places if _has_voc(each)), None)
+    parts = ([part for part in folders_in(each) if _has_voc(part)] for each in places)
+    return [whole] if whole is not None else next(filter(None, parts), [])
 
 
 def _has_voc(folder: Path) -> bool:
-    return folder.is_dir() and any(root_tag(path) == "annotation" for path in sorted(folder.glob("*.xml"))[:5])
+    return any(root_tag(path) == "annotation" for path in sorted(folder.glob("*.xml"))[:5])
 
 
 def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -52,8 +53,8 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
     """
     files = [path] if path.is_file() else sorted(path.glob("*.xml"), key=natural)
     folder = path.parent if path.is_file() else path
-    base = folder.parent if folder.name.lower() in ("annotations", "xmls") else folder
-    base = base.parent if base.name.lower() == "annotations" else base
+    above = (each.parent for each in (folder, folder.parent) if each.name.lower() == "annotations")
+    base = next(above, folder.parent if folder.name.lower() == "xmls" else folder)
     roots = [images] if images else [base / "JPEGImages", base / "images", folder, base]
     finder = ImageFinder(*roots)
     labels = Labels(path, people)
@@ -64,7 +65,7 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
         if root.tag != "annotation":
             raise fault(f"the root is <{root.tag}>, not <annotation>", file, "give Pascal VOC files only")
         name = (root.findtext("filename") or "").strip()
-        image = finder.find(file.stem) or (finder.find(name) if name else None)
+        image = finder.find(f"{folder.name}/{file.stem}") or (finder.find(name) if name else None)
         if image is None:
             missing.append(name or file.stem)
             continue
@@ -81,12 +82,16 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
     unlabelled = len(image_files(place)) - len(entries)
     if path.is_dir() and unlabelled > 0:
         labels.notes.append(f"{unlabelled} images in {place.name} have no XML file and are not used")
-    return [labels.source(base.resolve().name, "voc", pictures, entries)]
+    part = f"/{folder.name}" if folder.parent.name.lower() == "annotations" and folder.name != "xmls" else ""
+    return [labels.source(base.resolve().name + part, "voc", pictures, entries)]
 
 
 def _add(labels: Labels, file: Path, thing: ElementTree.Element, number: int) -> None:
     where = f"{at(file, thing)} (object {number + 1})"
     name, box = (thing.findtext("name") or "").strip(), thing.find("bndbox")
+    if name and box is None and role_of(name, labels.people) == "other":
+        labels.skipped[f"of class {name}"] += 1
+        return
     if not name or box is None:
         raise fault(f"the object has no {'name' if not name else 'bndbox'}", where, REMEDY)
     words = [(box.findtext(side) or "").strip() for side in ("xmin", "ymin", "xmax", "ymax")]

@@ -26,6 +26,7 @@ from socialbot.vision.metrics.formats._labels import (
     first_line,
     image_files,
     image_size,
+    images_below,
     is_number,
     lines_of,
     numbers,
@@ -35,6 +36,7 @@ from socialbot.vision.metrics.formats._labels import (
     text_files,
 )
 from socialbot.vision.metrics.frames import Box, LabelledSource
+from socialbot.vision.metrics.truth import utf8
 
 REMEDY = "write class, middle x, middle y, width and height, as shares of the image from 0 to 1"
 SLACK = 0.01  # Shares may exceed the image by rounding.
@@ -44,7 +46,7 @@ SPLITS = ("train", "val", "valid", "test")
 
 def is_yolo(folder: Path) -> bool:
     """Whether ``folder`` is a YOLO data set."""
-    if _yaml_of(folder) or any(any(folder.glob(name)) for name in (*NAME_FILES, "obj.data")):
+    if _yaml_of(folder) or any(any(folder.glob(name)) for name in (*NAME_FILES, "obj.data", "train/_darknet.labels")):
         return True
     folders = [
         folder / "labels",
@@ -68,7 +70,13 @@ def _has_names(path: Path) -> bool:
             text = file.read(100_000)
     except OSError:
         return False
-    return any(line.startswith(b"names:") for line in text.splitlines())
+    if b"names" not in text:
+        return False
+    try:
+        loaded = load_yaml(YAML(typ="safe", pure=True), utf8(text).decode())
+    except (YAMLError, UnicodeDecodeError):
+        return utf8(text).startswith(b"names:") or b"\nnames:" in text
+    return isinstance(loaded, dict) and "names" in loaded
 
 
 def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -90,7 +98,7 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
     names_at, keypoints, parts = _description(path if path.is_file() else _yaml_of(folder), folder)
     names, where = names_at
     if not names:
-        above = [folder, folder.parent] if _holds_labels(folder) else [folder]
+        above = [folder, folder.parent if _holds_labels(folder) else folder / "train"]
         file = next((file for base in above for name in NAME_FILES for file in sorted(base.glob(name))), None)
         names = dict(enumerate(read_text(file).split("\n"))) if file else {}
         names, where = {number: name.strip() for number, name in names.items() if name.strip()}, file or folder
@@ -193,9 +201,10 @@ def _parts(folder: Path) -> dict[str, list[Path]]:
     base = folder.parent if _holds_labels(folder) else folder
     for pattern in ("images/{}", "{}/images", "{}"):
         found = {part: [base / pattern.format(part)] for part in SPLITS}
-        if any(image_files(place) for [place] in found.values()):
+        if any(_images(place) for [place] in found.values()):
             return found
-    return {"": [place for place in (base / "images", base, base / "obj_train_data") if image_files(place)][:1]}
+    places = [place for place in (base / "images", base / "obj_train_data") if _images(place)]
+    return {"": places[:1] or [base][: len(image_files(base))]}
 
 
 def _images(place: Path) -> list[Path]:
@@ -205,7 +214,7 @@ def _images(place: Path) -> list[Path]:
     if place.is_file():
         listed = [Path(line) for _, line in lines_of(place) if "\0" not in line]
         return [found for path in listed if (found := _listed(path, place.parent)) is not None]
-    return image_files(place) or image_files(place / "images")
+    return image_files(place) or image_files(place / "images") or list(images_below(place))
 
 
 def _listed(path: Path, base: Path) -> Path | None:
