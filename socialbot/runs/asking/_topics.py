@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -114,6 +115,11 @@ class Topic:
         texts = () if self.is_saying or self.declared is not None else arguments_of(self.name)
         return {tuple(tokens(text)) for text in texts}
 
+    @property
+    def call_names(self) -> Set[str]:
+        """Names of the calls that it covers."""
+        return {_call_name(each) for each in self.calls}
+
     def covers(self, call: str) -> bool:
         """Return whether ``call`` (``name(argument, ...)``, quotes do not count) is this deed."""
         plain = call.replace('"', "")
@@ -123,6 +129,10 @@ class Topic:
             if wanted == name and (not first or [*split(arguments)][: len([*split(first)])] == [*split(first)]):
                 return True
         return False
+
+
+def _call_name(call: str) -> str:
+    return call.replace('"', "").rstrip(")").partition("(")[0]
 
 
 def split(arguments: str) -> Iterator[str]:
@@ -323,16 +333,38 @@ class Subjects:
         """Return the records of a deed in order: what agents did, or else what they wanted."""
         if topic.name not in self._done:
             found = self.acted(topic)
-            wanted = (record for record in self.history if record.kind in ("desire", "goal"))
-            self._done[topic.name] = found or [each for each in wanted if topic.covers(_literal(each))]
+            self._done[topic.name] = found or [
+                self.history[place]
+                for place, literal in sorted({each for name in topic.call_names for each in self._wanted.get(name, ())})
+                if topic.covers(literal)
+            ]
         return self._done[topic.name]
+
+    @cached_property
+    def _wanted(self) -> Mapping[str, list[tuple[int, str]]]:
+        """Places and literals of desires and goals in the history, by the names of their calls."""
+        found: dict[str, list[tuple[int, str]]] = {}
+        for place, record in enumerate(self.history):
+            if record.kind in ("desire", "goal"):
+                literal = _literal(record)
+                found.setdefault(_call_name(literal), []).append((place, literal))
+        return found
 
     def acted(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed that agents did, in order."""
         if topic.name not in self._acted:
-            covered = {call for call in set(self._calls_by_id.values()) if any(topic.covers(one) for one in call)}
-            self._acted[topic.name] = [each for each in self.deeds if self._calls_by_id[id(each)] in covered]
+            places = sorted({each for name in topic.call_names for each in self._deeds_by_name.get(name, ())})
+            self._acted[topic.name] = [self.deeds[place] for place, call in places if topic.covers(call)]
         return self._acted[topic.name]
+
+    @cached_property
+    def _deeds_by_name(self) -> Mapping[str, list[tuple[int, str]]]:
+        """Places and calls of the deeds, by the names of the calls."""
+        found: dict[str, list[tuple[int, str]]] = {}
+        for place, record in enumerate(self.deeds):
+            for call in self.calls_of(record):
+                found.setdefault(_call_name(call), []).append((place, call))
+        return found
 
     @cached_property
     def belief_names(self) -> tuple[str, ...]:
@@ -344,10 +376,6 @@ class Subjects:
     def heard_stems(self) -> Set[str]:
         """Stems of the words that people said."""
         return {stem(word) for each in self.heard for word in tokens(each.what)}
-
-    @cached_property
-    def _calls_by_id(self) -> Mapping[int, tuple[str, ...]]:
-        return {id(each): tuple(self.calls_of(each)) for each in self.deeds}
 
     def words_said(self, record: TraceRecord) -> str:
         """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""
@@ -394,6 +422,11 @@ class Subjects:
     def _stems(self) -> tuple[Mapping[str, Set[str]], Mapping[str, Set[str]]]:
         said: dict[str, set[str]] = {}
         causes: dict[str, set[str]] = {}
+
+        @functools.cache  # the chains of many deeds share their beginnings
+        def stems_of(text: str) -> Set[str]:
+            return {stem(word) for name in _WORD.findall(text) for word in name_tokens(name) if len(word) > 2}
+
         for topic in self.topics:
             done = self.done(topic)[:_MOST_READ]
             said[topic.name] = {stem(word) for each in done for word in tokens(self.words_said(each))}
@@ -404,8 +437,7 @@ class Subjects:
                 for one in chains
                 if one.kind in _TELLING
             }
-            names = (name for text in texts for name in _WORD.findall(text))
-            causes[topic.name] = {stem(word) for name in names for word in name_tokens(name) if len(word) > 2}
+            causes[topic.name] = set().union(*map(stems_of, texts))
         often = Counter(word for words in causes.values() for word in words)
         most = max(2, len(causes) // 3)
         rare = {name: {word for word in words if often[word] <= most} for name, words in causes.items()}

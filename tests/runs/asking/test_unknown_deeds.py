@@ -8,6 +8,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking import answer
 from socialbot.runs.asking._spelling import corrected
+from socialbot.runs.asking._topics import Topic
 from socialbot.runs.asking._words import ALIKE, similarity
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
@@ -250,3 +251,22 @@ def test_words_of_a_deed_are_no_misheard_number():
         None,
     )
     assert answer(run, "Who said good night?").text == 'At 0 s I said "Good night.".'
+
+
+@pytest.mark.parametrize("kind", ["action", "goal"])
+def test_an_answer_reads_each_of_many_different_deeds_a_few_times(kind, monkeypatch):
+    """Not once for each other deed: a run of a stranger can have thousands."""
+    count, reads = 400, 0
+    covers = Topic.covers
+
+    def counting(topic: Topic, call: str) -> bool:
+        nonlocal reads
+        reads += 1
+        return covers(topic, call)
+
+    monkeypatch.setattr(Topic, "covers", counting)
+    records = (
+        TraceRecord(stamp=n * SECOND, id=f"a-{n}", source="a", kind=kind, what=f"deed_{n}(thing)") for n in range(count)
+    )
+    answer(RunView(None, History(records), None), "What did you do?")
+    assert 0 < reads < 10 * count
