@@ -38,7 +38,7 @@ from socialbot.runs.foxglove import (
 from socialbot.runs.narration import Narrator
 from socialbot.runs.record import trace_record
 from socialbot.runs.run import ImageSource, LiveRun
-from socialbot.runs.serving import Address
+from socialbot.runs.serving import MAX_CONNECTIONS, Address
 from socialbot.runs.standard_messages import HEAD_HZ, TF_MESSAGE, HeadCourse
 
 log = logging.getLogger("socialbot.foxglove")
@@ -377,13 +377,19 @@ def gate(address: Address, port: int) -> Iterator[int]:
     A client gives the token in the URL: ``ws://host:port/?token=TOKEN``. Raises DeviceError if the port is in use.
     """
     loop = asyncio.new_event_loop()
+    connections: set[asyncio.StreamWriter] = set()
 
     async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(connections) >= MAX_CONNECTIONS:  # or else strangers take all file descriptors of the process
+            writer.close()
+            return
+        connections.add(writer)
         try:
             await _accept(reader, writer, address.token, port)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.TimeoutError) as error:
             log.debug("a connection ended: %s", error)
         finally:
+            connections.discard(writer)
             writer.close()
 
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import socket
 import threading
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -28,6 +29,7 @@ from socialbot.runs.serving import Address
 pytest.importorskip("foxglove")
 websocket = pytest.importorskip("tornado.websocket")
 
+from socialbot.runs import foxglove_live  # noqa: E402
 from socialbot.runs.foxglove_live import PICTURES, LiveFeed, foxglove_server, play_to_foxglove  # noqa: E402
 from socialbot.runtime.bag_source import replay  # noqa: E402
 from tests.bridge.hosting import node_hosts  # noqa: E402
@@ -217,6 +219,35 @@ def test_other_addresses_need_a_token():
         for wrong in (url.replace("secret", "guess"), url.partition("?")[0]):
             with pytest.raises(Exception, match="401"):
                 viewing(wrong, look)
+
+
+def test_strangers_get_a_limited_number_of_connections(monkeypatch: pytest.MonkeyPatch):
+    """Each takes a file descriptor of the process, which may be that of `up`."""
+    monkeypatch.setattr(foxglove_live, "MAX_CONNECTIONS", 3)
+    monkeypatch.setattr(foxglove_live, "_HEAD_S", 600.0)
+    with foxglove_live.gate(Address(port=0, token="secret-token"), 1) as port:
+
+        def refused(connection: socket.socket) -> bytes:
+            with connection:
+                connection.sendall(b"GET / HTTP/1.1\r\n\r\n")
+                return connection.recv(12)
+
+        idle = [socket.create_connection(("127.0.0.1", port), timeout=60.0) for _ in range(3)]
+        with socket.create_connection(("127.0.0.1", port), timeout=60.0) as further:
+            assert further.recv(1) == b""
+        assert refused(idle.pop()) == b"HTTP/1.1 401"
+        assert eventually(lambda: accepts(port))
+        for each in idle:
+            each.close()
+
+
+def accepts(port: int) -> bool:
+    """Whether a connection is not closed at once."""
+    with socket.create_connection(("127.0.0.1", port), timeout=0.2) as made:
+        try:
+            return made.recv(1) != b""
+        except TimeoutError:
+            return True
 
 
 class Guard(Node):
