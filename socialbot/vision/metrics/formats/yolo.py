@@ -106,7 +106,8 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
     labelled = path if path.is_dir() and (images is not None or _holds_labels(folder)) else None
     files: dict[str, dict[Path, Path | None]] = {}
     for part, places in parts.items():
-        paths = sorted({image for place in places for image in _images(place)}, key=lambda path: natural(path))
+        listed = dict.fromkeys(image for place in places for image in _images(place))
+        paths = sorted(listed, key=lambda path: natural(path))
         if paths:
             files[part] = {image: _label_file(image, labelled) for image in paths}
     if not files:
