@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,10 @@ LATENCY_LIMIT_MS = 15.0
 GRAPH_TIMEOUT_S = 30.0
 SETTLE_S = 1.0
 """Delay of the camera, to exclude the start of the processes."""
+
+MOST_EXECUTOR_SHARE = 0.5
+ENDPOINTS = 12, 8
+"""Subscriptions and publishers of the node with an executor."""
 
 DRAIN_S = 1.0
 PATIENCE_S = 10.0
@@ -218,6 +222,7 @@ def measure(seconds: float, domain: int, *, quick: bool = False) -> Report:
         slow = Trial(frames, busy_s=SLOW_S).run(Path(folder, "slow"))
     _add_fast(report, fast)
     _add_slow(report, slow)
+    _add_executors(report, round(10 * seconds))
     report.tables = {"nodes": fast.nodes(), "nodes_slow": slow.nodes()}
     return report
 
@@ -251,6 +256,43 @@ def _add_slow(report: Report, trial: Trial) -> None:
     )
     add("stale_dropped", "slow detector: frames dropped", trial.skipped())
     add("stale_processed", "slow detector: frames processed", len(trial.looks))
+
+
+def _add_executors(report: Report, messages: int) -> None:
+    """Compare the executor of a node's process with that of rclpy, by `messages` of each."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    from socialbot.bridge.wait_sets import OneThreadExecutor
+
+    ours_us, rclpy_us = executor_us(OneThreadExecutor, messages), executor_us(SingleThreadedExecutor, messages)
+    report.add("executor_us", "processor time for a message between the endpoints of a node, us", round(ours_us, 1))
+    report.add("executor_rclpy_us", "the same with the executor of rclpy, us", round(rclpy_us, 1))
+    report.add("executor_share", "share of the time of rclpy", round(ours_us / rclpy_us, 2), MOST_EXECUTOR_SHARE)
+
+
+def executor_us(kind: Callable[..., Any], messages: int) -> float:
+    """Processor time (us) for a message to a node with 12 subscriptions and 8 publishers that a ``kind`` spins."""
+    from rclpy.node import Node
+
+    heard: list[Any] = []
+    string = message_class("std_msgs/msg/String")
+    with environment.ros_context() as context:
+        node, executor = Node("executor", context=context), kind(context=context)
+        executor.add_node(node)
+        for number in range(ENDPOINTS[0]):
+            node.create_subscription(string, f"/topic_{number}", lambda message: heard.append(message), 10)
+        senders = [node.create_publisher(string, f"/topic_{number}", 10) for number in range(ENDPOINTS[1])]
+        while not all(each.get_subscription_count() for each in senders):
+            executor.spin_once(timeout_sec=0.05)
+        begun = time.process_time()
+        for number in range(messages):
+            senders[number % len(senders)].publish(string(data="word"))
+            while len(heard) <= number:
+                executor.spin_once(timeout_sec=PATIENCE_S)
+        spent = time.process_time() - begun
+        executor.shutdown()
+        node.destroy_node()
+    return 1e6 * spent / messages
 
 
 def _ms(values: list[float], share: float) -> float | None:
