@@ -9,6 +9,7 @@ neural voice and recognises them first.
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -24,14 +25,17 @@ from evaluation.questions_runs import NAMES, RUNS
 from evaluation.report import JsonOption, QuickOption, Report, run
 from socialbot.core.errors import ParameterError
 from socialbot.runs.asking import Answer, answer
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.folder import RecordedRun, open_run
 
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED = tuple(f"new_wordings_{number}" for number in range(24, 27))
+SEALED: tuple[str, ...] = ()
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
+_CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
+"""Call with its arguments, and a person."""
 ANSWERED = "(answered) "
 """Begin of a miss that was not refused with "I don't know", but answered about another record."""
 OFFERED = "(offered) "
@@ -55,7 +59,7 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "unknown":
         return not found.known
     if kind == "unsaid":
-        return any(claim.kind == "said_not" and " ".join(claim.what) == rest for claim in claims)
+        return any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
     if kind in ("heard", "failed"):
         return any(claim.kind == ("heard" if kind == "heard" else "nothing_failed") for claim in claims)
     if kind == "idle":
@@ -75,9 +79,21 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "here":
         return any(claim.kind == "here" and rest in claim.persons for claim in claims)
     if kind == "not":
-        call, _, person = rest.partition(" ")
-        named = [claim for claim in claims if claim.kind == "did_not" and call in claim.what]
-        return any(not person or person in claim.persons for claim in named)
+        match = _CALL.fullmatch(rest)
+        call, arguments, person = match.groups("") if match else (rest, "", "")
+        denied = [claim for claim in claims if claim.kind == "did_not"]
+        named = [
+            claim for claim in denied if f"{call}({arguments})" in claim.what or (not arguments and call in claim.what)
+        ]
+        given = {*arguments_of(f"{call}({arguments})")}
+        with_things = [
+            each
+            for each in denied
+            for one in each.what
+            if one.partition("(")[0] == call and {*each.persons, *arguments_of(one)} <= given
+        ]
+        is_denied = any(claim.persons for claim in with_things)
+        return is_denied or any(not person or person in claim.persons for claim in named)
     call, _, at = rest.rpartition("@ ")
     whole = kind == "frame" or (bool(claims) and claims[0].kind == "count")
     clauses = found.clauses if whole else found.clauses[:1]

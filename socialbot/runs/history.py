@@ -158,6 +158,8 @@ class History:
 
     def stamp(self, seconds: float) -> int:
         """Convert seconds from the start to a stamp (ns)."""
+        if len(self) and seconds == self.seconds(self.end):
+            return self.end  # which seconds may have been rounded below
         return self.start + nanoseconds(seconds)
 
     def until(self, stamp: int) -> int:

@@ -68,6 +68,14 @@ def test_start_before_the_first_record():
     assert History().duration_s == 0.0
 
 
+def test_end_in_seconds_is_the_last_stamp():
+    records = [
+        TraceRecord(stamp=stamp, id=str(stamp), source="a", kind="event", what="e") for stamp in (0, 1_333_333_313)
+    ]
+    history = History(records)
+    assert history.stamp(history.duration_s) == history.end
+
+
 def test_causes_and_effects():
     belief = record(1.0, "ann", "belief", "here", cause="frame-7", id="b")
     goal = record(1.0, "ann", "goal", "greet()", cause="b", id="g")

@@ -21,13 +21,18 @@ def said(scope: Scope) -> Told | None:
     spoken = [each for each in deeds if each.stamp <= scope.now] or deeds
     spoken = scope.in_time(scope.of_persons(each for each in spoken if scope.is_meant(each)))
     at_s = scope.question.at_s
+    if scope.question.says:
+        spoken = scope.quoted(spoken, scope.question.says)
     if at_s is not None:
         spoken = near(spoken, scope.history.stamp(at_s), NEAR_S) or (spoken[:1] if at_s == 0.0 else [])
     elif scope.question.event is not None and scope.question.event.heard is not None:
         spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
     elif scope.question.ordinal is not None or not scope.persons:
         spoken = [one for one in [scope.numbered(spoken)] if one is not None]
-    if not spoken and scope.question.things:
+    event, deed = scope.question.event, scope.event_deed
+    if not spoken and event is not None and event.relation == "when" and deed is not None:
+        spoken = [deed] if scope.subjects.words_said(deed) else []  # "when you asked Ann in": those words
+    if not spoken and (scope.question.things or scope.question.says):
         return None
     if not spoken:
         clause = _silence(scope, *scope.span())
@@ -93,7 +98,11 @@ def failed(scope: Scope) -> Told | None:
     if scope.question.at_s is not None:
         found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
     things, topic = set(scope.question.things), scope.topic
-    is_all = not things and topic is None and scope.question.at_s is None and scope.question.event is None
+    is_faultless = not scope.facts.failures and all(
+        each.detail.get("outcome") != "failed" for each in scope.facts.plan_ends
+    )
+    is_about_all = not things and topic is None
+    is_all = scope.question.at_s is None and (is_about_all or (is_faultless and bool(scope.deeds or topic is None)))
     chains = [(each, [each, *scope.history.before(each)]) for each in found if scope.agent in ("", each.source)]
     if topic is not None:
         chains = [each for each in chains if any(topic.covers(call_of(one) or one.what) for one in each[1])]
@@ -108,7 +117,8 @@ def failed(scope: Scope) -> Told | None:
     if not clauses and is_all:
         begin_s, end_s = scope.span()
         text = scope.speech.about(scope.agent, scope.speech.say("nothing_failed"))
-        clauses = [Clause(text, (), Claim("nothing_failed", scope.agent, at_s=begin_s, until_s=end_s))]
+        clause = Clause(text, (), Claim("nothing_failed", scope.agent, at_s=begin_s, until_s=end_s))
+        clauses = [clause if scope.question.event is None else scope.speech.within(clause, begin_s, end_s)]
     return (scope.joined(clauses), clauses) if clauses else None
 
 

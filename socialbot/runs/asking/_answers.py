@@ -220,8 +220,9 @@ class _Answering(Whether):
         if deed is None:
             if self.topic is None:
                 return None
-            return self._left_undone()
-        return self._because(deed)
+            if self.event_s is not None and self.question.span_s is None:  # to stay idle may have begun before
+                deed = self._lasting(self.of_persons(self.deeds_at_all), self.history.stamp(self.event_s))
+        return self._left_undone() if deed is None else self._because(deed)
 
     def _because(self, deed: TraceRecord) -> Told | None:
         topic = self.topic or self.subjects.topic_of(deed)

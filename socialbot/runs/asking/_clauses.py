@@ -75,6 +75,8 @@ _ASKED = {
     "dicho",
 }  # fmt: skip
 """Verbs of asking and telling in the past tense, or with an auxiliary."""
+_TELLS = {"did", "have", "hast", "habt", "as", "avez", "has", "dijiste", "contaste", "explicaste"}
+"""Words that ask whether the robot told something."""
 _ASIDE = 4
 """Most words from such a verb to the indirect question."""
 
@@ -99,6 +101,9 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
         is_asking = any(_is_at(phrase, words, place) for phrase in asking)
         # "Quote what you said": a verb in front of an interrogative asks, too.
         asks = thinking.intersection(before) or (place == 1 and before[0] not in language.known_words)
+        is_where = any(_is_at(phrase, words, place) for phrase in language.phrases["where"])
+        if is_where and _TELLS.intersection(before[:2]):
+            continue  # "Did you tell me where ...?" asks what was told
         if place and is_asking and not is_event and asks:
             return list(words[place:])
         for phrase in language.phrases["complement"]:
@@ -158,8 +163,8 @@ def without_contrast(words: Sequence[str], language: Language) -> Parts | None:
 
 def without_event(words: Sequence[str], language: Language) -> Parts | None:
     """Split off the event that tells the time, behind the main clause or in front of it; None without one."""
-    asking = {one[0] for name in INTERROGATIVES if name != "when" for one in language.phrases[name]}
-    asking |= set(language.auxiliaries)
+    asking = [one for name in INTERROGATIVES if name != "when" for one in language.phrases[name]]
+    asking += [(one,) for one in language.auxiliaries]
     relations: tuple[Relation, ...] = ("after", "before", "when")
     for place in range(len(words) - 1):
         for relation in relations:
@@ -183,7 +188,11 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 # The event in front: "When t2 left, what did you do?"
                 is_near = place == 1 and words[0] in CLOSELY
                 is_front = place == 0 or is_near
-                begins = [n for n in range(2, len(rest) - 1) if is_front and rest[n] in asking]
+                begins = [
+                    n
+                    for n in range(2, len(rest) - 1)
+                    if is_front and any(_is_at(one, rest, n) for one in asking) and rest[n + 1] not in _INVERTED
+                ]
                 asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))
                 begin = next(asks, next(iter(begins), None))
                 if begin is not None:
@@ -214,6 +223,8 @@ def without_between(words: Sequence[str], language: Language) -> Parts | None:
     return None
 
 
+_INVERTED = {"il", "elle", "ils", "elles", "t"}
+"""French pronouns behind the verb of their own clause: ``Quand le camion est-il parti ?``."""
 _PARTICIPLE = re.compile(r"([a-z]{2,3})?ge[a-z]+(t|en)|(be|ver|er|ent)[a-z]+t|(ver|ent)[a-z]+en")
 
 

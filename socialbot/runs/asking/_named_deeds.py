@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, likeness, similarity, stem, tokens
+from socialbot.runs.asking._words import ALIKE, likeness, name_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import INTERROGATIVES
 from socialbot.runs.asking.languages.lexicon import Meaning, Named, done_by, found_in, meanings, named_meanings
 
@@ -85,6 +85,15 @@ def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], sta
         for each in [_named(topic, reading, subjects, things, stamp, free, soft, meant, opposite=opposite)]
         if each is not None
     ]
+    # "Come back" is to go back, if that is a deed of its own, and "go" is not to go back.
+    whole = {each.topic.name: each.places for each in found if _is_whole_meaning(each.topic, meant)}
+    names = {(_name_of(each), each.places) for each in found}
+    found = [
+        each
+        for each in found
+        if each.topic.name in whole
+        or not (any(each.places <= places for places in whole.values()) or _is_longer(each, names))
+    ]
     # "Go ahead" is not to go: a phrase outdoes a part of it.
     found = [each for each in found if not any(each.places < other.places and other.fit >= each.fit for other in found
                                                if {"declared", "synonym", "act"} & set(other.evidence))]  # fmt: skip
@@ -150,6 +159,25 @@ def _named(
     return NamedDeed(topic, evidence, frozenset(found))
 
 
+def _is_whole_meaning(topic: Topic, meant: Sequence[Named]) -> bool:
+    """Return whether words mean the whole name of a deed, and not only its verb."""
+    whole = frozenset[Meaning]().union(
+        *(meanings(phrase) - meanings(phrase[:1]) for phrase in topic.loose if len(phrase) > 1)
+    )
+    return any(each.meaning in whole for each in meant)
+
+
+def _name_of(deed: NamedDeed) -> tuple[str, ...]:
+    return tuple(name_tokens(deed.topic.name.partition("(")[0]))
+
+
+def _is_longer(deed: NamedDeed, names: Set[tuple[tuple[str, ...], frozenset[int]]]) -> bool:
+    """Return whether the name of a deed begins with that of another one with the same words: go_back with go."""
+    name = _name_of(deed)
+    is_begun = any((name[:n], deed.places) in names for n in range(1, len(name)))
+    return is_begun and "time" not in deed.evidence
+
+
 def meanings_of(subjects: Subjects) -> Set[Meaning]:
     """Return the meanings of the deeds that a run can be asked about."""
     return frozenset[Meaning]().union(*(_meanings_of(topic)[1] for topic in subjects.topics))
@@ -159,7 +187,8 @@ def _meanings_of(topic: Topic) -> tuple[str, Set[Meaning]]:
     """Return the kind of evidence that a deed is meant, and the meanings of its name or of what its words do."""
     if topic.is_saying:
         return "act", done_by(tokens(" ".join(arguments_of(topic.name))))
-    return "synonym", frozenset[Meaning]().union(*(named_meanings(phrase[0]) for phrase in topic.loose))
+    whole = (meanings(phrase) for phrase in topic.loose if len(phrase) > 1)
+    return "synonym", frozenset[Meaning]().union(*(named_meanings(phrase[0]) for phrase in topic.loose), *whole)
 
 
 def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:

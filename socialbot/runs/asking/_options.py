@@ -117,7 +117,9 @@ def _indirect(one: Answer, asked_at_s: float | None) -> str:
         return f"{_DEEDS[one.intent]} {told}"
     if one.intent == "believed":
         return f"whether {_TIME.sub('', one.clauses[0].text)}"
-    text = _STATES[one.intent]
+    if one.clauses[0].claim.kind == "count":
+        return "how often I spoke"
+    text = _STATES.get(one.intent, _STATES["heard"])  # "Did t1 thank you?" is answered by what t1 said
     return _timed(text, one, asked_at_s) if one.intent in ("see", "said", "doing", "next") else text
 
 

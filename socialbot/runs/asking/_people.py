@@ -120,7 +120,9 @@ def whereabouts(scope: Scope) -> Told | None:
     return f"{done.text}; {told}", [done, *clauses]
 
 
-def count_people(scope: Scope) -> Told:
+def count_people(scope: Scope) -> Told | None:
+    if scope.question.at_s is not None:
+        return seen(scope)
     if not any(each.first.stamp <= scope.now for each in scope.facts.visits):
         return _nobody(scope)
     clause = _people_counted(scope)

@@ -7,6 +7,8 @@ weights of `_ranking` say which one is most likely.
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -89,13 +91,42 @@ _WHETHER: Set[Kind] = {"did", "next", "count"}
 _YOU = {"you", "u"}
 _OBJECTS = {"name", "thing", "time", "cause"}
 """Evidence that names no deed, but what it is about."""
+_OF_WORDS = {"said", "cause", "time"}
+"""Evidence of the words of records only."""
+_MOST_SAID = 0.8
+"""Least share of the words in question that a deed says."""
+_EVENTS = {
+    one[0]
+    for language in LANGUAGES.values()
+    for name in ("after", "before", "when")
+    for one in language.phrases[f"event {name}"]
+}
+"""Words that begin a clause about the time."""
 _CONJUNCTIONS = {"that", "if", "whether"}
+_CAPITAL = re.compile(r"([^\W\d_]+) (?=([A-Z\u00c0-\u00de]\w+))")
+"""Word before one with a capital letter; one behind a comma may address the robot."""
+_GREETINGS = {"hey", "hi", "hello", "dear", "ok", "okay", "hallo", "lieber", "bonjour", "salut", "cher", "hola"}
+"""Words before the name of the robot."""
+_BEFORE_GERMAN_NOUN = re.compile(
+    r"[a-z\u00e4\u00f6\u00fc]+e[nmrs]?|d[ae]s|a[mn]|auf|aus|beim|durch|i[mns]+|mit|nach|um|vo[mnr]|zu[mr]|k?ein"
+)
+"""Lower-case word that a German noun may follow, beside its name."""
+_SHORT_NAME = 5
+"""Length from which on a word with a capital letter may be an inflected one."""
 _NAMED = 0.85
 """Least fit of a deed in a subordinate clause."""
-_BESIDE_SAID = {"for", "about", "a", "an", "the", "to", "see", "have", "get"}
+_BESIDE_SAID = {
+    "for", "about", "a", "an", "the", "my", "to", "see", "have", "get", "uber", "von", "nach", "um", "dem", "den",
+    "der", "die", "das", "ein", "eine", "einen", "einem", "du", "de", "des", "sur", "le", "la", "les", "l", "un", "une",
+    "mon", "ma", "pour", "sobre", "del", "el", "los", "las", "una", "mi", "para",
+}  # fmt: skip
 """Words behind a verb of saying that need not be said: ``ask to see a badge``."""
+_BEFORE_REQUEST = {"que", "qu", "de", "d"}
+"""French and Spanish words between a verb of saying and what was said: ``pediste que cerraran la puerta``."""
 _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
 _ARTICLES = {"the", "a", "an"}
+_TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
+"""Prepositions with an article."""
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
 _PASSING = {"in", "by", "past", "off", "away", "out", "along", "through"}
@@ -270,11 +301,31 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
         for code in codes
     }
     own = [code for code in codes if exact[code] == max(exact.values())]
+    names = _names_in(text, own, subjects)
     return [
         each
         for code in own
-        for each in _candidates(_prepared(words, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
+        for each in _candidates(_prepared(words, names, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
+        if each.question.kind is None or names <= {*each.question.says}
     ]
+
+
+def _names_in(text: str, languages: Sequence[str], subjects: Subjects) -> set[str]:
+    """Return words with a capital letter inside a sentence that nothing has: names, beside nouns in German."""
+    found = [(before, word) for before, name in _CAPITAL.findall(text) for word in tokens(name)]
+    found = [(before, word) for before, word in found if before.lower() not in _GREETINGS]
+    if not found or 2 * len(found) >= len(text.split()):
+        return set()  # a title has many
+    if "de" in languages:
+        found = [(before, word) for before, word in found if not _BEFORE_GERMAN_NOUN.fullmatch(before)]
+    known = {word for code in languages for word in (*LANGUAGES[code].known_words, *lexicon.words(code))}
+    return {
+        word
+        for word in {word for _, word in found} - known
+        if subjects.recorded_words.isdisjoint((word, word.removesuffix("s")))
+        and (len(word) < _SHORT_NAME or word[:-1] not in known)
+        and not any(subjects.begins_agent(word, LANGUAGES[code]) for code in languages)
+    }
 
 
 def _known_words(subjects: Subjects, language: Language) -> Set[str]:
@@ -282,19 +333,19 @@ def _known_words(subjects: Subjects, language: Language) -> Set[str]:
     return language.known_words | words_of_deeds(subjects, language.code) | subjects.words_of_names(language.code)
 
 
-def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
-    """Return the words of the question itself, spelled as the language and the deeds have them."""
+def _prepared(words: Sequence[str], names: Set[str], subjects: Subjects, language: Language) -> list[str]:
+    """Return the words of the question itself, spelled as the language and the deeds have them, but for ``names``."""
     known = _known_words(subjects, language) | NUMBER_WORDS
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
     meant = lexicon.words(language.code)
-    spelled = [corrected(word, known, subjects.names | meant, asking) for word in words]
+    spelled = [corrected(word, known, subjects.names | meant | names, asking) for word in words]
     spelled = [
-        corrected(word, meant, subjects.names) if word not in known and len(word) >= _LEXICON_WORD else word
+        corrected(word, meant, subjects.names | names) if word not in known and len(word) >= _LEXICON_WORD else word
         for word in spelled
     ]
-    spelled = subjects.named_in(language.code, spelled)
+    spelled = subjects.without_kind(subjects.named_in(language.code, spelled), language)
     return without_matrix(_joined(spelled, known), language)
 
 
@@ -319,7 +370,7 @@ def _candidates(
         yield from _reported(report, subjects, language)
         return
     whole = _found(words, subjects, language)
-    if _names_nothing(whole.reading, subjects) or _is_hypothetical(words, language):
+    if _names_nothing(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
         return
     split = without_between(words, language) if whole.question.span_s is None else None
@@ -419,10 +470,13 @@ def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -
     return None if what.person is None else Event(relation, what, leaves=is_over)
 
 
-def _names_nothing(reading: Reading, subjects: Subjects) -> bool:
+def _names_nothing(reading: Reading, referred: Set[int], subjects: Subjects) -> bool:
     """Return whether a number or letter behind the kind of a name makes a name that nothing has: ``room 7``."""
     words = reading.words
-    pairs = ((words[place - 1], words[place]) for place in reading.free() if place)
+    pairs = [(words[place - 1], words[place]) for place in reading.free() if place]
+    # "la caisse d1": a letter in front of a number is no French word.
+    pairs += [pair for n, pair in enumerate(itertools.pairwise(words), 1) if n not in referred and len(pair[1]) == 1
+              and pair[1].isalpha() and "".join(words[n + 1 : n + 2]).isdigit()]  # fmt: skip
     return any(kind in subjects.kinds and (len(part) == 1 or part.isdigit()) for kind, part in pairs)
 
 
@@ -439,7 +493,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
     """Return the parts of a clause."""
     reading = Reading(language, digits_after_names(list(words), subjects, language))
     span_s = take_span(reading)
-    at_s, ago, person = take_time(reading) if span_s is None else (None, False, None)
+    at_s, ago, person = take_time(reading, subjects) if span_s is None else (None, False, None)
     things, agents = take_names(reading, subjects)
     named = take_person(reading, subjects)
     if named is not None and person is not None:
@@ -490,7 +544,7 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
         leaves=tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes"),
         about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
-        asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
+        asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
         unknown=tuple(reading.words[place] for place in reading.free()),
         verb="" if verb is None or verb in explained else reading.words[verb],
         thing_kind=_thing_kind(reading, subjects),
@@ -515,14 +569,19 @@ def _release_deeds(reading: Reading, subjects: Subjects) -> None:
 
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
-    for deed in (each for each in found.deeds if not _is_another(each, found) and not _has_other_object(each, found)):
+    says, places = _words_said(found, quoted, subjects)
+    for deed in (
+        each for each in found.deeds if not _is_another(each, found) and not _has_other_object(each, found, subjects)
+    ):
+        if _says_another(deed, found, says, subjects):
+            continue
         asked = _kinds(found, deed)
         unknown = [place for place in found.reading.free() if place not in deed.places]
         for agent, things in _roles(found, deed.topic, subjects):
             question = replace(
                 found.question,
                 topics=(deed.topic,), agent=agent, things=things, agent_kind=_asked_kind(found.reading, subjects, deed),
-                is_opposite=deed.is_opposite, is_synonym=deed.is_synonym,
+                is_opposite=deed.is_opposite, is_synonym=deed.is_synonym, is_negative=_is_denied(deed, found),
                 by_people=not quoted and _are_doers(found, deed.places, subjects),
                 unknown=tuple(found.reading.words[place] for place in unknown),
             )  # fmt: skip
@@ -534,13 +593,17 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
     others = {name: found.reading.words[max(0, place - 1)] for name, place in found.agents if name != agent}
     question = replace(found.question, agent=agent, things={**found.question.things, **others})
-    says, places = _words_said(found, quoted, subjects)
     telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
     are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
     asked -= {"said"} if are_tellers else set()
+    words, voices = found.reading.words, found.reading.language.voices
+    is_teller = bool(voices.you.intersection(words)) or any(voices.second.fullmatch(words[n]) for n in telling)
+    if telling and is_teller and not are_tellers and found.reading.language.code != "en":
+        asked -= {"heard"}  # "¿Qué me dijiste?"
     asked -= {"see"} if _is_placed(found.reading, question) else set()
     if found.reading.has("who") and found.reading.has("not") and not question.about_left_out:
         asked -= {"who"}  # "Who was not here?"
+    asks = found.reading.has(*INTERROGATIVES)
     for kind in (one for one in _OF_STATES if one in asked and (one != "heard" or subjects.heard_stems)):
         at_person = question.person.at_s if question.person is not None and kind in ("said", "see") else None
         one = replace(question, kind=kind)
@@ -548,6 +611,10 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
             is_quoted = bool(says) and are_tellers and not found.reading.has("what")
             heard = says if is_quoted else _words_heard(found, subjects)
             one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
+        elif kind == "said" and asks and says and not _EVENTS.intersection(says) and subjects.is_quoted(says):
+            # "What did you say about the library?"
+            left = tuple(words[place] for place in found.reading.free() if place not in places)
+            one = replace(one, says=says, unknown=left)
         yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
     if "why" not in asked and "why_not" not in asked:
         yield from _of_records(found, question, subjects)
@@ -590,7 +657,16 @@ def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterato
 
 def _is_placed(reading: Reading, question: Question) -> bool:
     """Return whether a question asks where a person was, or how far away."""
-    return question.person is not None and reading.has("where", "how_far")
+    free, articles = set(reading.free()), reading.language.phrases["article"]
+    has_other = any((word,) in articles and n + 1 in free for n, word in enumerate(reading.words))  # "the library"
+    return question.person is not None and reading.has("where", "how_far") and not has_other
+
+
+def _is_denied(deed: NamedDeed, found: Found) -> bool:
+    """Return whether a deed is denied; the negation may be one of its own words: ``do nothing``."""
+    denied = {*found.reading.places("not")}
+    is_own = bool(denied) and not deed.is_opposite and deed.places.issuperset(denied)
+    return found.question.is_negative and (not is_own or found.reading.has("nobody", "silent"))
 
 
 def _is_another(deed: NamedDeed, found: Found) -> bool:
@@ -608,14 +684,33 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)
 
 
-def _has_other_object(deed: NamedDeed, found: Found) -> bool:
-    """Return whether a noun behind the verb names something that no record has: ``clean the garage``."""
-    words, verb = found.reading.words, found.verb
-    if verb is None or verb not in deed.places or words[verb + 1 : verb + 2] != ["the"] or found.question.person:
+def _says_another(deed: NamedDeed, found: Found, says: Sequence[str], subjects: Subjects) -> bool:
+    """Return whether a deed says other words than those in question, or asks for nothing, if the question does."""
+    done = subjects.done(deed.topic)
+    if not _OF_WORDS.issuperset(deed.evidence) and (not deed.topic.is_saying or "act" in deed.evidence):
         return False
-    noun = verb + 2
-    is_last = noun + 1 == len(words) or words[noun + 1] in found.reading.language.known_words
-    return noun in found.reading.free() and noun not in deed.places and is_last and len(words[noun]) > 2
+    if found.question.asks:
+        return not any(map(subjects.asks, done))
+    named = {
+        stem(word) for text in arguments_of(deed.topic.name) for word in tokens(text)
+    }  # way, of tell("way_library")
+    if named.issuperset(map(stem, says)):
+        return False
+    return not any(subjects.share_said(says, each) >= _MOST_SAID for each in done)
+
+
+def _has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool:
+    """Return whether a noun behind an article names something that no record has: ``clean the garage``."""
+    words, language = found.reading.words, found.reading.language
+    free = [place for place in found.reading.free() if place not in deed.places and len(words[place]) > 2]
+    named = found.referred | {n for name in ("people", "time", "see") for n in found.reading.places(name)}
+    nouns = [
+        words[place]
+        for place in free
+        if place and place + 1 not in named  # "the big box"
+        if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
+    ]
+    return any(stem(word) not in subjects.recorded_stems and word not in NUMBER_WORDS for word in nouns)
 
 
 def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
@@ -642,6 +737,8 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
     """Return the kinds of questions that the interrogatives of a clause may ask."""
     reading = found.reading
     classes = [name for name in _ASKED if reading.has(name)]
+    if classes == ["where"] and reading.has("say") and min(reading.places("say")) < min(reading.places("where")):
+        classes = []  # "Did you tell me where the library is?"
     if "why" not in classes:  # behind another one, "when" and "who" begin a subordinate clause
         classes.sort(key=lambda name: (name in ("what", "who", "when"), min(reading.places(name))))
     classes = ["why"] if "what" in classes and _is_caused(reading) else classes[:1]
@@ -721,13 +818,16 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
         what = replace(what, person=main.person)  # "How far away was t1 when you greeted them?"
     if not what.agent and what.person is None and main.agent and found.reading.has("them"):
         what = replace(what, agent=main.agent)  # "What did carrier c do after it unloaded?"
+    if what.topics and not what.things and main.things and found.reading.has("them"):
+        what = replace(what, things=dict.fromkeys(main.things, ""))  # "What did you do with box a2 after you took it?"
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
     begin = words[1:2] if words[0] in _ARTICLES else words[:1]
     is_by_person = what.person is not None or begin in people
-    if what.about_speech and is_by_person and (words[0],) not in language.phrases["you"]:
-        told = (word for n, word in enumerate(words) if n not in found.referred)
-        heard = tuple(word for word in told if word not in language.known_words)
+    told = (word for n, word in enumerate(words) if n not in found.referred)
+    heard = tuple(word for word in told if word not in language.known_words)
+    is_heard = bool(heard) and all(subjects.is_heard(word) for word in heard)  # "when I thanked you"
+    if (what.about_speech or is_heard) and is_by_person and (words[0],) not in language.phrases["you"]:
         return Event(parts.relation, what, leaves=False, heard=heard)
     if main.topics and not what.topics and (what.things or what.agent):
         # The same deed with another thing or of another agent: "before carrier b"
@@ -797,7 +897,8 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     said = reading.places("say")
     if not said:
         return (), set()
-    end = next((n for n in range(max(said) + 1, len(words)) if n in found.referred), len(words))
+    named = found.referred | {n for n, word in enumerate(words) if word in subjects.argument_names}
+    end = next((n for n in range(max(said) + 2, len(words)) if n in named), len(words))
     others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
     if end == len(words) and words[-2] in _BEFORE_ADDRESSEE and words[-1] in others:
         end -= 1  # "thank you to anybody"
@@ -805,13 +906,18 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     if begin == len(words):  # the verb is the last word, as in German and in a passive
         before = [*reading.places("you"), *(n for n in range(max(said)) if words[n] in reading.language.auxiliaries)]
         begin, end = max(before, default=-1) + 1, max(said)
+    while begin < end - 1 and words[begin] in _BEFORE_REQUEST:
+        begin += 1
     quantities = {word for name in ("times", "others") for one in reading.language.phrases[name] for word in one}
     while end > begin + 1 and (words[end - 1] in _BEFORE_ADDRESSEE or words[end - 1] in quantities):
         end -= 1
     if any(reading.language.phrases[name].count((words[begin],)) for name in INTERROGATIVES if begin < len(words)):
-        return (), set()  # "Did you say where the library is?" does not quote
+        # "Did you say where the library is?" does not quote, but asks for words about the library.
+        told = tuple(word for word in words[begin:end] if word not in reading.language.known_words)
+        return (told, set(range(begin, end))) if told and subjects.is_quoted(told) else ((), set())
     names = {word for name in found.question.things for word in tokens(name)}
-    while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *names}:
+    mine = {one[0] for one in reading.language.phrases["me"]}
+    while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *mine, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"
     vague = {one[0] for name in ("filler", "what") for one in reading.language.phrases[name] if len(one) == 1}
     told = tuple(words[begin:end])

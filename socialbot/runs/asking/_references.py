@@ -80,7 +80,7 @@ def digits_after_names(words: list[str], subjects: Subjects, language: Language)
 # Times
 
 
-def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | None]:
+def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool, PersonReference | None]:
     """Take a time from the words: its value (s), whether it counts back, and the person whom it describes."""
     phrases, units, words = reading.language.phrases, reading.language.units, reading.words
     for n in range(len(words)):
@@ -89,6 +89,8 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
             continue
         value, used = found
         before, after = words[n - 1] if n else "", words[n + used] if n + used < len(words) else ""
+        if len(before) == 1 and after not in units and words[max(0, n - 2)] in subjects.kinds:
+            continue  # "la caisse a2"
         places = set(range(n, n + used))
         if after in units:
             value, places = value * units[after], places | {n + used}
@@ -102,8 +104,9 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
         elif ":" not in words[n] and (before,) not in phrases["at"]:
             continue
         first, last = min(places), max(places)
+        behind = reading.language.code == "en"  # "bei Sekunde 12 vor dir"
         ago = any(
-            one in (tuple(words[last + 1 : last + 1 + len(one)]), tuple(words[max(0, first - len(one)) : first]))
+            one == tuple(words[last + 1 : last + 1 + len(one)] if behind else words[max(0, first - len(one)) : first])
             for one in phrases["ago"]
         )
         if reading.language.code == "de" and not any(words[place] in units for place in places):
@@ -366,7 +369,8 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
             single = phrases[-1] if phrases else ()
             if stem(word) in deeds:
                 continue  # "clean" is a deed of the cleaner
-            if n not in reading.taken and len(word) > 2 and len(single) == 1 and single[0].startswith(word):
+            is_begin = len(word) > 2 or subjects.begins_agent(word, reading.language)
+            if n not in reading.taken and is_begin and len(single) == 1 and single[0].startswith(word):
                 reading.taken.add(n)
                 agents.append((name, n))
     return things, agents

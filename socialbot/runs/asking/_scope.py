@@ -11,7 +11,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
-from socialbot.runs.asking._topics import Topic, arguments_of
+from socialbot.runs.asking._topics import Topic, arguments_of, has_word
 from socialbot.runs.asking._words import stem, tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
@@ -26,6 +26,9 @@ _LATER_S = 0.001
 _SHOWN = re.compile(r"\{(\d)\}")
 _PLACE = re.compile(r"(\w+) \{(\d)\}")
 """Argument of a phrase with the word before it: ``from {1}``."""
+
+_LIKE = {"for": "to", "towards": "to", "toward": "to"}
+"""Words in front of a place with the meaning of another one: ``leave for the deposit``."""
 
 MOST_NAMED = 5
 """Most deeds, people or beliefs that an answer names."""
@@ -142,8 +145,7 @@ class Scope:
         if event.heard is not None:
             heard = [each for each in self.subjects.heard if each.stamp <= self.now]
             heard = [each for each in heard if not scope.persons or each.detail.get("person") in scope.persons]
-            wanted = {stem(word) for word in event.heard}
-            fitting = [each for each in heard if wanted <= {stem(word) for word in tokens(each.what)}]
+            fitting = [each for each in heard if all(has_word(each.what, word) for word in event.heard)]
             return self.history.seconds(fitting[0 if event.relation == "before" else -1].stamp) if fitting else None
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]
@@ -151,11 +153,15 @@ class Scope:
             return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
         if event.what.topics:
             self.event_deed = scope.chosen()
+            if event.relation == "after" and event.what.ordinal is None and event.what.at_s is None:
+                self.event_deed = next(reversed(scope.without_leaving(scope.of_persons(scope.deeds))), self.event_deed)
             if since_s is not None and event.what.ordinal is None and event.what.at_s is None:
                 later = (each for each in scope.of_persons(scope.deeds) if self.history.seconds(each.stamp) >= since_s)
                 self.event_deed = next(later, self.event_deed)
         elif event.what.things or event.what.agent:
             deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and scope.is_meant(each)]
+            if event.relation == "after":
+                deeds = scope.without_leaving(deeds) or deeds
             self.event_deed = deeds[-1 if event.relation == "after" else 0] if deeds else None
         if event.what.topics or event.what.things or event.what.agent:
             if self.event_deed is None:
@@ -216,11 +222,21 @@ class Scope:
             return False
         places = {word: int(n) for word, n in _PLACE.findall(phrase)}
         for thing, before in things.items():
-            place = places.get(before)
+            place = places.get(before, places.get(_LIKE.get(before, "")))
             if place is not None and arguments[place : place + 1] != (thing,):
                 return False
         agent, kind = record_agent(self.history, record), self.question.agent_kind
         return self.agent in ("", agent) and kind in ("", kind_of_name(agent))
+
+    def without_leaving(self, deeds: Iterable[TraceRecord]) -> list[TraceRecord]:
+        """Return deeds without those that leave a place in question: "after the bathroom" begins in front of them."""
+        return [each for each in deeds if self.question.things.keys().isdisjoint(self._origins(each))]
+
+    def _origins(self, record: TraceRecord) -> list[str]:
+        """Return the places that a deed goes away from: ``moves from {1}``."""
+        arguments, name = arguments_of(record.what), call_of(record).partition("(")[0]
+        places = _PLACE.findall(self.subjects.wording.phrases.get(name, ""))
+        return [arguments[int(n)] for word, n in places if word == "from" and int(n) < len(arguments)]
 
     def things_behind(self, deed: TraceRecord) -> set[str]:
         """Return the things in a deed, in its causes and, if it is a goal, in what was done for it."""

@@ -12,7 +12,7 @@ from functools import cached_property
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
 from socialbot.runs.asking._words import ALIKE, FORM, folded, name_tokens, similarity, stem, tokens
-from socialbot.runs.asking.languages import ENGLISH, LANGUAGES, lexicon
+from socialbot.runs.asking.languages import ENGLISH, LANGUAGES, Language, lexicon
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.why import actions, call_of
@@ -61,6 +61,8 @@ _REQUESTING = {"please", "can", "could", "may", "would", "need", "want", "bitte"
 """Words of requests."""
 _UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
 """Words of a quotation in other words: ``ask for the door to be closed``."""
+_ROBOT = {"robot", "roboter"}
+_SHORTEST_BEGIN = 2
 _SAYING = {"say", "speak", "tell", "utter", "announce"}
 _WORD = re.compile(r"\w+")
 _PLURAL = {"", "s", "es", "n", "en", "e"}
@@ -213,12 +215,43 @@ class Subjects:
         own = LANGUAGES[language].known_words | self.names
         for each in lexicon.found_in(result, language):
             known = self._words_by_meaning.get(each.meaning)
+            if any(_is_verb(result[n - 1 : n], result[n], language) for n in each.places):
+                continue  # "geladen" is what somebody did, "die Ladung" is a thing
             is_whole = each.places[-1] - each.places[0] < len(each.places) == len(each.phrase)
             if known and is_whole and own.isdisjoint(result[n] for n in each.places):
                 result[each.places[0]] = known
                 for n in each.places[1:]:
                     result[n] = ""
         return [word for word in result if word]
+
+    def without_kind(self, words: Sequence[str], language: Language) -> list[str]:
+        """Return words without ``robot`` beside the name of an agent: ``the UV robot`` is uvdrobot1."""
+        begins = {word for word in words if self.begins_agent(word, language)}
+        return [
+            word
+            for n, word in enumerate(words)
+            if word not in _ROBOT or begins.isdisjoint((*words[max(0, n - 1) : n], *words[n + 1 : n + 2]))
+        ]
+
+    def begins_agent(self, word: str, language: Language) -> bool:
+        """Return whether the name of an agent begins with a word that is no other one: ``uv``, of uvdrobot1."""
+        is_word = len(word) < _SHORTEST_BEGIN or not word.isalpha() or word in language.known_words
+        return not is_word and any(tokens(agent)[0].startswith(word) for agent in self.agents if tokens(agent))
+
+    @cached_property
+    def recorded_stems(self) -> Set[str]:
+        """Stems of the words of the records."""
+        return {stem(word) for word in self.recorded_words}
+
+    @cached_property
+    def recorded_words(self) -> Set[str]:
+        """Words of records and rules, of deeds, and of the names that agents declare."""
+        texts = {each.what for each in self.history if each.kind in _TELLING or each.kind == "hearing"}
+        words = {word for text in (*texts, *self.plans, *self.agents) for word in tokens(text)} | self.names
+        declared = (words for topic in self.topics for words in topic.words.values())
+        words |= {word for phrases in declared for phrase in phrases for word in phrase}
+        words |= {word for topic in self.topics for phrase in topic.loose for word in phrase}
+        return words.union(*map(self.words_of_names, LANGUAGES))
 
     @cached_property
     def _words_by_meaning(self) -> Mapping[lexicon.Meaning, str]:
@@ -377,6 +410,10 @@ class Subjects:
         """Stems of the words that people said."""
         return {stem(word) for each in self.heard for word in tokens(each.what)}
 
+    def is_heard(self, word: str) -> bool:
+        """Return whether people said a word, or one of the same meaning in another language."""
+        return any(has_word(each.what, word) for each in self.heard)
+
     def words_said(self, record: TraceRecord) -> str:
         """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""
         if record.kind == "utterance":
@@ -489,6 +526,20 @@ class Subjects:
             if phrases[0] and kinds[phrases[0][0]] == 1:
                 phrases.append(phrases[0][:1])
         return {agent: list(dict.fromkeys(phrase for phrase in phrases if phrase)) for agent, phrases in names.items()}
+
+
+def _is_verb(before: Sequence[str], word: str, language: str) -> bool:
+    """Return whether a word is a form of a deed, and no article is in front of it."""
+    is_noun = tuple(before) in LANGUAGES[language].phrases["article"]
+    may_be = not is_noun and (language != ENGLISH.code or word.endswith("ing"))  # an English verb is often a noun, too
+    found = lexicon.meanings((word,), language) if may_be else ()
+    return any(lexicon.section_of(each) == "deeds" for each in found)
+
+
+def has_word(text: str, word: str) -> bool:
+    """Return whether a text has a word, in any form of it, or one of the same meaning in another language."""
+    meant = lexicon.named_meanings(word)
+    return any(stem(word) == stem(one) or not meant.isdisjoint(lexicon.named_meanings(one)) for one in tokens(text))
 
 
 def _literal(record: TraceRecord) -> str:

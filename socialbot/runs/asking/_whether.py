@@ -46,6 +46,9 @@ class Whether(Scope):
                 return self._did_say()
             counted, shown = self._number(said), [self.speech.did(each, None) for each in said[:MOST_NAMED]]
             return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
+        if self.question.about_speech and not self.question.is_negative:
+            said = [each for each in self.up_to_now() if self.subjects.words_said(each)]
+            return (self._number(said).text, [self._number(said)]) if said else None
         return count_people(self) if self.subjects.persons or has_frames(self) else None
 
     def _listed(self, deeds: Sequence[TraceRecord]) -> Told:

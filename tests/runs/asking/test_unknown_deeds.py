@@ -139,6 +139,7 @@ def test_time_is_told_by_what_a_person_said():
     assert answer(run, "What did you say when I asked about the library?").text == 'At 1 s I said "Upstairs.".'
     assert answer(run, "What did you say when I said thank you?").text == 'At 21 s I said "You are welcome.".'
     assert not answer(run, "What did you say when I asked about the toilet?").known
+    assert answer(run, "What did you say when I thanked you?").text == 'At 21 s I said "You are welcome.".'
 
 
 @pytest.mark.parametrize(
@@ -270,3 +271,66 @@ def test_an_answer_reads_each_of_many_different_deeds_a_few_times(kind, monkeypa
     )
     answer(RunView(None, History(records), None), "What did you do?")
     assert 0 < reads < 10 * count
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did guard a check Ann?",
+        "When did guard a check Ann?",
+        "Hat guard a Ann geprüft?",
+        "Quand guard a a-t-il contrôlé Ann ?",
+        "¿Comprobó guard a a Ann?",
+        "Did the gripper pick up the lamp?",
+        "Hat gripper a die Lampe aufgehoben?",
+        "Quand as-tu ramassé la lampe ?",
+        "¿Recogiste la lámpara?",
+        "As-tu ramassé la caisse d1 ?",
+        "Did spot go to the garage?",
+        "Est-ce que spot est allé au garage ?",
+        "Hat guard a zu Peter etwas gesagt?",
+    ],
+)
+def test_deed_to_another_person_or_thing_is_no_answer(yard, question):
+    assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s"),
+    [
+        ("Did guard a check Bob?", 4),
+        ("Did the gripper pick up a box?", 8),
+        ("Quand as-tu ramassé la caisse a1 ?", 0),  # no time
+        ("What did you do with box a1 after you picked it up?", 1),
+        ("Quand carrier a est-il parti ?", 2),  # no event
+        ("Where did spot go?", 6),
+        ("When did spot come home?", 7),
+        ("Wann ist spot zurückgekommen?", 7),
+        ("Quand spot est-il revenu ?", 7),
+        ("¿Cuándo volvió spot?", 7),
+    ],
+)
+def test_deed_is_named_by_all_of_its_words(yard, question, at_s):
+    assert answer(yard, question).clauses[0].claim.at_s == at_s
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["How often did guard a speak?", "Wie oft hat guard a gesprochen?", "¿Cuántas veces habló guard a?"],
+)
+def test_speaking_is_counted(yard, question):
+    claim = answer(yard, question).clauses[0].claim
+    assert (claim.kind, claim.value) == ("count", 1.0)
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "When did guard a ask to close the door?",
+        "Wann hat guard a darum gebeten, die Tür zu schließen?",
+        "Quand guard a a-t-il demandé de fermer la porte ?",
+        "¿Cuándo pidió guard a que cerraran la puerta?",
+    ],
+)
+def test_request_is_found_by_what_was_asked_for(yard, question):
+    assert answer(yard, question).clauses[0].claim.at_s == 5

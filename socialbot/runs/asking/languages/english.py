@@ -55,7 +55,8 @@ ENGLISH = Language(
         ),
         "unanswerable": (
             "how much,how old,which colour,which color,what colour,what color,whose,how tall,how do,how did,how are,"
-            "how can,how was,how is,how will,how big,what is your name,how"
+            "how can,how was,how is,how will,how big,what is your name,how,who owns,who owned,who does it belong,"
+            "who belongs,belong to"
         ),
         "not": (
             "nothing,nobody,no one,not,never,no,without,refuse to,refused to,fail to,failed to,forget to,forgot to,"
@@ -99,9 +100,10 @@ ENGLISH = Language(
         "wish": "looking for,look for,looked for,interested in,wish for",
         "say": (
             "hear from you,heard from you,say,said,speak,spoke,tell,told,utter,complain,comment,reply,replied,ask,"
-            "asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
-            "statement,utterance,utterances"
+            "asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,statement,utterance,"
+            "utterances,answer,answered,respond,responded"
         ),
+        "asks": "ask,asked,asking,request,requested",
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
             "walk by,drop by,stop by,enter,appear,leave,left,go away,went away,walk away,walked away,disappear,"
@@ -202,31 +204,26 @@ ENGLISH = Language(
         ),
         "filler": (
             "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"
-            "decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,"
-            "let me see,"
+            "decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
             "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
-            "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,performed,"
-            "provide,provided,behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,"
-            "my,his,her,"
-            "their,its,very,quite,altogether,get,got,receive,received,give,gave,given,given to,away,back,off,out,"
-            "over,into,onto,inside,toward,towards,please,hey,hi,okay,ok,well,so,tell me,can you tell me,"
-            "could you tell me,i would like to know,i want to know,do you know,let me know,would you say,"
-            "could you say,can you say,the,a,an,of,to,for,that,this,on,with,and,any,kind,by,it,from,as,ever,even,"
-            "really,then,actually,in,at,be,being,like,earth,hell,up,your,want to,decide to,decided to,choose to,"
-            "chose to,have to,had to,need to,started to,start,begin,began,some,all,exactly,precisely,there,here,if,"
-            "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
-            "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,just,than,"
+            "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,"
+            "performed,provide,provided,behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,"
+            "image,scene,my,his,her,their,its,very,quite,altogether,get,got,receive,received,give,gave,given,"
+            "given to,away,back,off,out,over,into,onto,inside,toward,towards,please,hey,hi,okay,ok,well,so,tell me,"
+            "can you tell me,could you tell me,i would like to know,i want to know,do you know,let me know,"
+            "would you say,could you say,can you say,the,a,an,of,to,for,that,this,on,with,and,any,kind,by,it,from,as,"
+            "ever,even,really,then,actually,in,at,be,being,like,earth,hell,up,your,want to,decide to,decided to,"
+            "choose to,chose to,have to,had to,need to,started to,start,begin,began,some,all,exactly,precisely,there,"
+            "here,if,whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,"
+            "time,whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,just,than,"
             "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
             "bother,bothered,manage,managed,happen to,happened to,care to,cared to,dare to,go ahead and,particular,"
             "specific,certain,possibly,maybe,perhaps,indeed,rather,instead,anyway,anyhow,though,although,however,"
-            "because,"
-            "since,due,regarding,concerning,about,within,upon,via,per,beside,among,until,till,entire,case,situation,"
-            "occasion,instance,point,sort,matter,session,experiment,test,tape,clip,file,day,sir,buddy,mate,"
+            "because,since,due,regarding,concerning,about,within,upon,via,per,beside,among,until,till,entire,case,"
+            "situation,occasion,instance,point,sort,matter,session,experiment,test,tape,clip,file,day,sir,buddy,mate,"
             "dude,mister,friend,dear,robo,bot,took care of,take care of,has to do with,had to do with,have you got,"
-            "with regard to,"
-            "kindly,previously,"
-            "finally,herself,himself,itself,themselves,"
-            "ended up,end up,in between,stand,standing,stood,straight away,spend,spent,visit"
+            "with regard to,kindly,previously,finally,herself,himself,itself,themselves,ended up,end up,in between,"
+            "stand,standing,stood,straight away,spend,spent,visit,team,robots"
         ),
         "place": "room,area,hall",
         "left out": (

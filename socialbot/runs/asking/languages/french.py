@@ -21,28 +21,41 @@ FRENCH = Language(
         "when": "quand,a quelle heure,a quel moment,depuis quand",
         "how_often": "combien de fois,a quelle frequence",
         "how_many": "combien de,combien,nombre de",
-        "unanswerable": "ou,quel age,quelle couleur,a qui,comment,combien coute",
+        "unanswerable": (
+            "ou,quel age,quelle couleur,a qui,comment,combien coute,a qui appartient,a qui appartiennent,appartient,"
+            "a qui est"
+        ),
         "not": "n as,n avez,n a,n ont,n ai,pas,jamais,aucun,aucune,oublie,omis,refuse,sans",
         "see": (
             "vois,voyez,voir,vu,vue,vues,vus,voyais,apercois,remarque,apercu,devant toi,devant vous,visible,observes,"
-            "observe,camera"
+            "observe,camera,voyait,voyaient,voit,voient,voyiez,vit"
         ),
-        "do": "fais,faites,faire,fait,faisais,occupe,fabriques,reagi",
+        "do": (
+            "fais,faites,faire,fait,faisais,occupe,fabriques,reagi,fis,fit,firent,faisait,faisaient,font,faisiez,"
+            "feras,fera,ferez"
+        ),
         "happen": "passe,arrive,passait,produit",
         "next": "ensuite,apres,prochaine,prochain,suite,suivant",
         "plan": (
-            "comptes,comptais,prevois,prevu,prevoyais,veux,voulais,vas,allais,allez,intention,but,objectif,plan,voulez,"
-            "feras,projet"
+            "comptes,comptais,prevois,prevu,prevoyais,veux,voulais,vas,allais,allez,intention,but,objectif,plan,"
+            "voulez,feras,projet,va faire,vont faire,compte,comptent,veut,veulent,prevoit,prevoient,prevoyez,comptez,"
+            "ferez,fera"
         ),
         "outcome": (
             "fin,fini,finie,termine,terminee,reussi,reussie,succes,resultat,accompli,bien passe,bien passee,bien marche"
         ),
-        "fail": "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte,mal tourne,"
-        "accident,incident,panne,souci,soucis",
-        "say": "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles",
+        "fail": (
+            "probleme,problemes,echoue,echouer,echec,erreur,rate,mal passe,difficulte,mal tourne,accident,incident,"
+            "panne,souci,soucis,pas marche,pas fonctionne,pas reussi,marche pas,fonctionne pas"
+        ),
+        "say": (
+            "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles,disait,disent,disiez,repondu,reponds,repondre,"
+            "repondait,raconte,parlais,parlait,parles,parlez,mentionne,demande,demandes,demandais"
+        ),
+        "asks": "demande,demandes,demandais,demander,prie",
         "here": (
             "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"
-            "partis"
+            "partis,suis venu,suis arrive,suis parti,arrivee,arrives,arrivees,venues,parties,passee"
         ),
         "people": (
             "gens,personnes,personne,visiteur,visiteurs,visiteuse,homme,femme,quelqu un,invite,invites,humain,enfant"
@@ -53,7 +66,7 @@ FRENCH = Language(
         "you": "tu,te,t,vous,toi,robot",
         "them": "lui,elle,l,le,la,les,il,ils,eux",
         "past": "aies,ait,as,avez,a,ai,ont,etait,etaient,etais,ete,viens,deja,auparavant,est venu,est elle,est il",
-        "future": "vas,allez,feras,ferez,prochaine,ensuite",
+        "future": "vas,allez,feras,ferez,prochaine,ensuite,va faire,vont faire,fera,feront",
         "present": "est,es,sont,peux,maintenant,actuellement,vois,fais,en train",
         "ago": "il y a",
         "first": "premier,premiere,d abord",
@@ -119,7 +132,7 @@ FRENCH = Language(
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"
-            "simplement,ensemble,elle,avait,besoin,qui,entre temps"
+            "simplement,ensemble,elle,avait,besoin,qui,entre temps,equipe,robots"
         ),
         "left out": "rien,mains vides,laisse de cote,laissee de cote,exclu,exclue,oublie,oubliee,neglige,negligee",
         "between": "entre",

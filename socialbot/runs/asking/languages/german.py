@@ -21,19 +21,24 @@ GERMAN = Language(
         "when": "wann,um welche zeit,zu welcher zeit,zu welchem zeitpunkt,seit wann",
         "how_often": "wie oft,wie haufig,wie viele male,wieviele male,wie viel mal,wie viele mal",
         "how_many": "wie viele,wieviele,wie viel,anzahl,wie vielen,wie vieler,wieviel",
-        "unanswerable": "wie alt,welche farbe,wessen,wie heisst,wie schnell,wie gross,wie",
+        "unanswerable": (
+            "wie alt,welche farbe,wessen,wie heisst,wie schnell,wie gross,wie,wem gehort,wem gehoren,wem gehorte,gehort"
+        ),
         "not": "nicht,nie,niemals,kein,keine,keinen,keiner,vergessen,versaumt,unterlassen",
         "see": (
             "siehst,sehen,gesehen,sahst,sieht,sah,erkennst,erkannt,bemerkt,bemerkst,im blick,vor dir,sichtbar,"
-            "wahrgenommen,beobachtest,beobachtet,kamera"
+            "wahrgenommen,beobachtest,beobachtet,kamera,sahen,sehe,seht,erblickt,erblickte,entdeckt"
         ),
         "do": (
             "tust,machst,tun,getan,gemacht,tat,machte,tatest,macht,beschaftigt,treibst,tut,unternommen,reagiert,"
-            "verhalten"
+            "verhalten,taten,machten,machtest,treibt,trieb,unternahm"
         ),
         "happen": "passiert,geschehen,geschieht,passierte,geschah,los",
         "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
-        "plan": "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst",
+        "plan": (
+            "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst,werdet,wollt,"
+            "wollen,vorhabt,vorhaben"
+        ),
         "outcome": (
             "ende,endete,beendet,fertig,erfolg,erfolgreich,gelungen,gelang,geschafft,geklappt,ergebnis,abgeschlossen,"
             "gut gelaufen,gut gegangen,glatt gelaufen,glatt gegangen,nach plan"
@@ -43,10 +48,15 @@ GERMAN = Language(
             "fehlgeschlagen,schwierigkeiten,panne,pannen,unfall,unfalle,zwischenfall,zwischenfalle,storung,"
             "hangen geblieben"
         ),
-        "say": "sagst,gesagt,sagen,sagtest,gesprochen,sagte,satz,worte,satze",
+        "say": (
+            "sagst,gesagt,sagen,sagtest,gesprochen,sagte,satz,worte,satze,sprachst,sprach,sprechen,sprichst,spricht,"
+            "sagten,sage,redest,geredet,erzahlt,erzahltest,erzahlte,geantwortet,antwortest,antwortetest,antwortete,"
+            "gefragt,fragtest,fragte,gebeten,batest,bat,erwahnt,erwahntest"
+        ),
+        "asks": "gefragt,fragtest,fragte,fragen,gebeten,batest,bat,bitten,verlangt",
         "here": (
             "hier,da,gekommen,kam,kamen,besucht,anwesend,vorbei,vorbeigekommen,aufgetaucht,dort,gegangen,geblieben,"
-            "blieb,bleiben,ging,stand,gestanden,weggegangen,verschwunden"
+            "blieb,bleiben,ging,stand,gestanden,weggegangen,verschwunden,kamst,ankommen,angekommen,kommt,losgegangen"
         ),
         "people": (
             "leute,person,personen,besucher,besucherin,mann,frau,gast,gaste,mensch,menschen,jemand,jemanden,kind"
@@ -121,13 +131,13 @@ GERMAN = Language(
             "manner,kinder,auf deutsch,auf englisch"
         ),
         "filler": (
-            "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
-            "stattgefunden,eigentlich,genau,ausgerechnet,moment,zeitpunkt,fall,"
-            "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
-            "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
-            "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"
-            "des,nun,alle,alles,aufgehort,dort,welche,uberhaupt,als,ding,sache,bloss,einfach,zusammen,brauchte,"
-            "brauche,sich,du,aber,einmal,dich,zwischendurch,dazwischen"
+            "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,"
+            "also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,stattgefunden,eigentlich,genau,"
+            "ausgerechnet,moment,zeitpunkt,fall,bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,"
+            "konntest du mir sagen,weisst du,ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,"
+            "zur,fur,mit,und,von,es,denn,eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,"
+            "noch,nur,wieder,sekunde,ja,dazu,des,nun,alle,alles,aufgehort,dort,welche,uberhaupt,als,ding,sache,bloss,"
+            "einfach,zusammen,brauchte,brauche,sich,du,aber,einmal,dich,zwischendurch,dazwischen,team"
         ),
         "left out": (
             "nichts,leer aus,leer ausgegangen,ausgelassen,ausgeschlossen,ubergangen,ubersehen,leeren handen,"

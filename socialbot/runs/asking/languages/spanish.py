@@ -17,25 +17,37 @@ SPANISH = Language(
         "when": "cuando,a que hora,en que momento,desde cuando",
         "how_often": "cuantas veces,con que frecuencia,cada cuanto",
         "how_many": "cuantas,cuantos,cuanta,numero de",
-        "unanswerable": "que edad,que color,de quien,como,cuanto",
+        "unanswerable": "que edad,que color,de quien,como,cuanto,a quien pertenece,pertenece,de quien es",
         "not": "no,nunca,jamas,ningun,ninguna,tampoco,sin,olvidaste",
-        "see": "ves,viste,ver,visto,veias,miras,notas,notaste,delante de ti,visible,observas,observaste,camara,ve",
-        "do": "haces,hiciste,hacer,hecho,hacias,haras,hace,ocupado,haciendo,reaccionaste",
+        "see": (
+            "ves,viste,ver,visto,veias,miras,notas,notaste,delante de ti,visible,observas,observaste,camara,ve,vio,"
+            "vieron,visteis,veia,veian,ven,veis"
+        ),
+        "do": (
+            "haces,hiciste,hacer,hecho,hacias,haras,hace,ocupado,haciendo,reaccionaste,hizo,hicieron,hicisteis,"
+            "hacian,haciais,hacen,haceis,hacia"
+        ),
         "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
         "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
         "plan": (
             "planeas,planeabas,piensas,pensabas,quieres,querias,ibas a,vas a,intencion,objetivo,plan,meta,pretendes,"
-            "haras"
+            "haras,vais a,va a,van a,pensais,piensa,quereis,quiere,planeais,planea,piensan,quieren"
         ),
         "outcome": (
             "fin,termino,terminado,terminada,exito,logrado,logro,resultado,acabo,acabado,salio bien,fue bien,ido bien"
         ),
         "fail": "problema,problemas,fallo,fallar,fallado,fallaste,error,salio mal,fue mal,ido mal,dificultad,"
         "accidente,incidente,averia",
-        "say": "dices,dijiste,decir,dicho,hablaste,frase,palabras",
+        "say": (
+            "dices,dijiste,decir,dicho,hablaste,frase,palabras,dijo,dijeron,dijisteis,dice,dicen,decia,decias,hablo,"
+            "hablaron,hablado,hablabas,contestaste,contesto,respondiste,respondio,contaste,conto,contado,preguntaste,"
+            "pregunto,preguntado,pediste,pidio,pedido,mencionaste,explicaste,explico,dije,pregunte"
+        ),
+        "asks": "pediste,pidio,pedido,pedir,preguntaste,pregunto,preguntado,preguntar",
         "here": (
             "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
-            "salio,permanecio"
+            "salio,permanecio,vinimos,quede,llegue,llegaron,salieron,marcharon,estuve,estuvimos,llegado,venido,"
+            "quedado"
         ),
         "people": "gente,persona,personas,visitante,visitantes,hombre,mujer,alguien,invitado,humano,nino",
         "group": "pareja",
@@ -47,7 +59,7 @@ SPANISH = Language(
             "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
             "hasta ahora"
         ),
-        "future": "vas a,haras,proximo,siguiente,despues,va a",
+        "future": "vas a,haras,proximo,siguiente,despues,va a,vais a,van a,hareis,haran,hara",
         "present": "estas,es,son,puedes,ahora,actualmente,ves,haces,esta",
         "ago": "hace",
         "first": "primero,primera,primer,al principio",
@@ -76,8 +88,10 @@ SPANISH = Language(
         "longest": "mas tiempo",
         "but": "pero,y,mientras que",
         "rather": "en vez de,en lugar de,y no,pero no",
-        "event after": "despues de que,despues de,tras,en cuanto,una vez que,tan pronto como,mas tarde que",
-        "event before": "antes de que,antes de,hasta que,y luego,y despues",
+        "event after": (
+            "despues de que,despues de,tras,en cuanto,una vez que,tan pronto como,mas tarde que,despues del,luego de"
+        ),
+        "event before": "antes de que,antes de,hasta que,y luego,y despues,antes del",
         "event when": "cuando,mientras,al momento en que",
         "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
         "leaves": "fue,fueron,marcho,marcharon,salio,salieron,desaparecio,irse,ido",
@@ -106,10 +120,10 @@ SPANISH = Language(
             "hombres,ninos,en espanol,en ingles"
         ),
         "filler": (
-            "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
-            "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
-            "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
-            "realmente,simplemente,juntos,necesitaba,fue,ultimo que,entretanto,lugar"
+            "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,por favor,hola,oye,dime,puedes decirme,"
+            "podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,del,a,al,y,en,con,lo,le,se,es,que,para,"
+            "su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,realmente,simplemente,juntos,"
+            "necesitaba,fue,ultimo que,entretanto,lugar,equipo,robots"
         ),
         "left out": (
             "olvidaste,nada,manos vacias,excluido,excluida,olvidado,olvidada,ignorado,ignorada,desatendido,desatendida"
