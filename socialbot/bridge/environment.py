@@ -8,6 +8,7 @@ import importlib.util
 import logging
 import os
 import re
+import secrets
 import socket
 import stat
 import sys
@@ -146,8 +147,8 @@ def _log_folder() -> Path:
         if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
             return folder
         return Path(tempfile.mkdtemp(prefix=f"{folder.name}-"))
-    except OSError:  # the disk is full or read-only, so ROS has no log
-        return folder
+    except OSError:  # the disk is full or read-only, so ROS has no log; nobody can prepare a name that is not known
+        return folder.with_name(f"{folder.name}-{secrets.token_hex(8)}")
 
 
 def use_topics(

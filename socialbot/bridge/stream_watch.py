@@ -249,9 +249,9 @@ class WatchedSubscription:
         return self._create(note), arrivals
 
     def _others(self, arrivals: _Arrivals) -> Iterator[_Arrivals]:
-        """Messages of the subscriptions beside or shortly before one."""
+        """Arrivals of the subscriptions that exist beside one, or ended shortly before."""
         if self._replaced is not None:
-            yield from (each for _, each in (self._replaced, (None, self._arrivals)) if each is not arrivals)
+            yield self._arrivals if arrivals is self._replaced[1] else self._replaced[1]
         if self._ended is not None and self._clock() < self._ended[1] + COPIES_S:
             yield self._ended[0]
 

@@ -77,7 +77,7 @@ class _WaitSet:
             sum(each.num_events for each in inner),
             context.handle,
         )
-        # rcl takes out what is not ready: all are added again before each wait.
+        # A wait removes the entities that are not ready, so all are added again before the next one.
         self._adds: list[tuple[Callable[[Any], object], Any]] = [
             (getattr(waits, f"add_{kind}"), entity.handle)
             for kind, entities in self._entities.items()
@@ -205,7 +205,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
             left_ns = timeout_ns if timeout_ns < 0 else max(0, end_ns - time.monotonic_ns())
             for kind, entity, node in self._wait(0 if is_working else left_ns):
                 if self._is_changed or self._is_shutdown:
-                    break  # the entity may be destroyed; what is left is ready in the next wait, too
+                    break  # the entity may be destroyed; the next wait finds the others again
                 is_working = True
                 yield self._handler(kind, entity, node), entity, node
             if is_working:
@@ -224,7 +224,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
             return [each for each in self._tasks if not each[0].executing()]
 
     def _wait(self, timeout_ns: int) -> list[tuple[str, Any, Node]]:
-        """Wait for entities of all nodes, and take QoS events when their time has come; return what is ready."""
+        """Wait for entities of all nodes, and look for QoS events once in `POLL_PERIOD_S`; return what is ready."""
         found: list[tuple[str, Any, Node]] = []
         with self._waiting:
             if not self._is_shutdown:

@@ -8,7 +8,7 @@ import re
 _CONTROL = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
 )
-"""Control characters but tab and line feed, bidirectional controls, line separators, and what is no character."""
+"""Control characters except tab and line feed, bidirectional controls, line separators, surrogates, noncharacters."""
 
 
 def without_controls(text: str) -> str:

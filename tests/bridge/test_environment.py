@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import socket
@@ -126,6 +127,19 @@ def test_a_log_folder_that_somebody_else_has_prepared_is_not_used(temporary: Pat
     assert found.parent == temporary
     assert found not in (folder, elsewhere)
     assert stat.S_IMODE(found.stat().st_mode) == 0o700
+
+
+def test_a_prepared_log_folder_is_not_used_on_a_full_disk(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def is_full(**_: str) -> str:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(environment.tempfile, "mkdtemp", is_full)
+    folder = temporary / f"socialbot-ros-log-{os.getuid()}"
+    folder.mkdir()
+    folder.chmod(0o777)
+    first, second = (Path(prepared()["ROS_LOG_DIR"]) for _ in range(2))
+    assert len({first, second, folder}) == 3
+    assert not first.exists()
 
 
 @pytest.mark.ros

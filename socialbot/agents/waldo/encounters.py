@@ -214,7 +214,7 @@ class _Standing(NamedTuple):
 
 
 def may_join(person: PersonDetection, others: Iterable[tuple[float, float]]) -> bool:
-    """Whether a person who stands may talk to one of the ``others`` (m, in the robot's base) rather than to the robot.
+    """Whether a standing person may be talking to one of the ``others`` (m, in the robot's base), not to the robot.
 
     People before the robot may also stand in a queue, one behind the other.
     """

@@ -403,7 +403,7 @@ class PersonSensor(Sensor):
                 yield from self._arrive(person, why)
 
     def _bystanders(self, person: str) -> Iterator[tuple[float, float]]:
-        """Places of others who are present, in view or lost from it a moment ago, and do not attend to the robot."""
+        """Places of other present people who do not attend to the robot and were in view a moment ago."""
         since = self._frames[-1].stamp - nanoseconds(_RENAMED_S)
         for other, place in self._places.items():
             if other in self._there and other not in {person, *self._engaged} and self._seen_at[other] > since:

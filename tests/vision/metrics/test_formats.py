@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -344,6 +345,17 @@ def test_missing_images_are_reported_and_none_is_an_error(tmp_path):
     (tmp_path / "a.jpg").unlink()
     with pytest.raises(ImageError, match="none of its 2 images is there"):
         labelled_sources(tmp_path)
+
+
+@pytest.mark.parametrize("counts", [300_000 * "o", 20 * "o" + "0"])
+def test_a_coco_mask_of_endless_numbers_is_refused(tmp_path, counts):
+    """Each character may continue a number, whose bits must not grow with the file."""
+    mask = {"image_id": 7, "category_id": 3, "segmentation": {"size": [HEIGHT, WIDTH], "counts": counts}}
+    write(tmp_path, {"a.json": coco(annotations=[mask])})
+    begin = time.process_time()
+    with pytest.raises(TruthError, match="no bbox"):
+        labelled_sources(tmp_path)
+    assert time.process_time() - begin < 1.0
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,9 @@ from socialbot.vision.metrics.truth import parse_json, read_json
 ROBOFLOW = "_annotations.coco.json"  # The same name in each folder of a data set of Roboflow.
 REMEDY = "give a COCO file with images, annotations (with bbox) and categories, such as instances_val2017.json"
 
+MOST_BITS = 35
+"""Most bits of a run length: an image has fewer than 2 ** 32 pixels."""
+
 
 class _Image(msgspec.Struct):
     id: Key
@@ -301,7 +304,10 @@ def _box_around(segmentation: msgspec.Raw) -> list[float]:
 
 
 def _box_around_mask(mask: _Mask) -> list[float]:
-    """Box around a mask of run lengths, which alternate between background and person, column by column."""
+    """Box around a mask of run lengths, which alternate between background and person, column by column.
+
+    Empty if the mask is empty or invalid.
+    """
     height, width = mask.size
     runs = _run_lengths(mask.counts) if isinstance(mask.counts, str) else mask.counts
     if height <= 0 or min(runs, default=0) < 0 or sum(runs) > height * width:
@@ -319,11 +325,16 @@ def _box_around_mask(mask: _Mask) -> list[float]:
 
 
 def _run_lengths(text: str) -> list[int]:
-    """Run lengths in the text of pycocotools: five bits a character; from the fourth, changes against two before."""
+    """Run lengths in the text of pycocotools: five bits a character; from the fourth, changes against two before.
+
+    Empty if a number has too many bits.
+    """
     runs, value, shift = list[int](), 0, 0
     for bits in (ord(character) - 48 for character in text):
         value |= (bits & 31) << shift
         shift += 5
+        if shift > MOST_BITS:
+            return []
         if bits & 32:
             continue
         if bits & 16:
