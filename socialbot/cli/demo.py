@@ -12,7 +12,7 @@ import typer
 from socialbot.cli.replay import replay, replay_bag
 from socialbot.cli.run import run, simulate
 from socialbot.core.errors import ParameterError
-from socialbot.core.registry import agent_packages, resolve
+from socialbot.core.registry import agent_packages
 from socialbot.graph.node import Graph
 
 PANEL = "Start here"
@@ -90,6 +90,6 @@ def _add(
 
 for package in agent_packages():
     for name, reference in package.demos.items():
-        add_demo(name, resolve(reference))
+        add_demo(name, package.load("demos", reference))
     for name, reference in package.replays.items():
-        add_replay_demo(name, resolve(reference))
+        add_replay_demo(name, package.load("replays", reference))

@@ -23,7 +23,7 @@ from typer.core import TyperGroup
 
 from socialbot import __version__
 from socialbot.cli._console import Console, print_line
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import InstallationError, SocialbotError, suggestion
 from socialbot.core.process import allow_deep_recursion
 from socialbot.core.terminal import TerminalFormatter
 
@@ -68,6 +68,15 @@ class Commands(Mapping[str, Any]):
 @cache
 def _load(name: str) -> Any:
     module = importlib.import_module(f"socialbot.cli.{name}")
+    if missing := [each for each in (name, "PANEL", "EXAMPLES") if not hasattr(module, each)]:
+        remedy = f"define the function {name}, PANEL and EXAMPLES, as docs/howto/extending.md shows"
+        raise InstallationError(f"has no {missing[0]}", where=module.__name__, remedy=remedy)
+    if module.PANEL not in PANELS:
+        raise InstallationError(
+            f"unknown PANEL {module.PANEL!r}", where=module.__name__, remedy=suggestion(module.PANEL, PANELS)
+        )
+    if isinstance(module.EXAMPLES, str):
+        raise InstallationError("EXAMPLES is no tuple", where=module.__name__, remedy="write a tuple of command lines")
     found = getattr(module, name)
     if not isinstance(found, typer.Typer):
         function, found = found, typer.Typer(add_completion=False, pretty_exceptions_enable=False)

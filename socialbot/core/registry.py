@@ -24,6 +24,7 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +33,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
 
-from socialbot.core.errors import GraphError, SocialbotError, described, suggestion
+from socialbot.core.errors import GraphError, SocialbotError, described, place_of, suggestion
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
 from socialbot.core.vocabulary import Vocabulary
 
@@ -41,6 +42,8 @@ ENTRY_POINTS = "socialbot.agents"
 
 _ROOMS = ("socialbot.vision", "socialbot.speech", "socialbot.robots", "socialbot.robots.simulation")
 """Packages with shared nodes; each has an attribute ``AGENT``, too."""
+
+_SOCIALBOT = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,75 @@ class AgentPackage:
     behaviours: str = ""
     robots: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            kind, form, remedy = _FORMS.get(name, (str, "a text", "write a string"))
+            if not isinstance(value, kind) or (kind is Sequence and isinstance(value, str)):
+                raise GraphError(f"{name!r} must be {form}, got {value!r}", where=self._where, remedy=remedy)
+            if name in ("name", "module", "graphs", "behaviours", "robots"):
+                continue
+            texts = value.values() if isinstance(value, Mapping) else value if kind is Sequence else (value,)
+            for text in texts:
+                if text != "" and not (isinstance(text, str) and _REFERENCE.fullmatch(text)):
+                    fault = f"{name}: {text!r} is no reference"
+                    raise GraphError(fault, where=self._where, remedy="write 'module:attribute'")
+
+    @property
+    def _where(self) -> str:
+        return f"agent package {self.name!r}"
+
     def is_used_by(self, types: Iterable[type]) -> bool:
         """Check whether this package defines one of the classes or a base class of one."""
         return any(f"{base.__module__}.".startswith(f"{self.module}.") for one in types for base in one.__mro__)
+
+    def load(self, name: str, reference: str) -> Any:
+        """Import the object of a reference of the field ``name``.
+
+        Raises:
+            GraphError: The module or the object does not exist, or the object does not fit the field.
+        """
+        noun, fits = _OBJECTS.get(name, ("function", callable))
+        found = load_reference(reference, name, fits, where=self._where)
+        if not fits(found):
+            raise GraphError(f"{name}: {reference!r} is no {noun}", where=self._where, remedy=f"name a {noun}")
+        return found
+
+    def file(self, path: str) -> Path:
+        """Return a file in the folder of `module`. Raises GraphError if there is none."""
+        try:
+            found = Path(str(resources.files(self.module).joinpath(path)))
+        except ModuleNotFoundError as missing:
+            remedy = "set 'module' to the Python package of the agent"
+            raise GraphError(f"there is no module {missing.name!r}", where=self._where, remedy=remedy) from missing
+        if not found.is_file():
+            fault = f"there is no file {path!r} in the folder of the module {self.module!r}"
+            raise GraphError(fault, where=self._where, remedy="name a file by its path in this folder")
+        return found
+
+
+def _is_sequence_of(kind: type[Message], value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and all(isinstance(each, type) and issubclass(each, kind) for each in value)
+    )
+
+
+_REFERENCE = re.compile(r"[\w.]+:\w+")
+_MAPPING = (Mapping, "a mapping", "write a dictionary: {'name': ...}")
+_SEQUENCE = (Sequence, "a sequence", "write a tuple: ('module:attribute',)")
+_FORMS: Mapping[str, tuple[type, str, str]] = {
+    **dict.fromkeys(("nodes", "graphs", "demos", "replays", "robots"), _MAPPING),
+    **dict.fromkeys(("messages", "recorded"), _SEQUENCE),
+}
+"""Type of a field of `AgentPackage`, its name for errors, and the remedy; other fields are texts."""
+_OBJECTS: Mapping[str, tuple[str, Callable[[object], bool]]] = {
+    "messages": ("sequence of message classes", functools.partial(_is_sequence_of, Structured)),
+    "recorded": ("sequence of message classes", functools.partial(_is_sequence_of, Message)),
+    "phrases": ("mapping of action names to sentences", lambda value: isinstance(value, Mapping)),
+    "vocabulary": ("Vocabulary", lambda value: isinstance(value, Vocabulary)),
+}
+"""Noun for the object of a reference, and whether an object fits, by field of `AgentPackage`; else a function."""
 
 
 @dataclass(frozen=True)
@@ -206,12 +275,6 @@ class _Graph(Protocol):
     def nodes(self) -> Sequence[Any]: ...
 
 
-def resolve(reference: str) -> Any:
-    """Import the object of a reference ``module:attribute``."""
-    module, _, attribute = reference.partition(":")
-    return getattr(importlib.import_module(module), attribute)
-
-
 def load_reference(
     reference: str,
     what: str,
@@ -248,10 +311,12 @@ def load_reference(
         remedy = f"install it, or put it {places}"
         raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
     except SocialbotError as mistake:
-        raise error(f"{failure}: {mistake.what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
+        place = "" if mistake.where else place_of(mistake, str(_SOCIALBOT))
+        what = f"{mistake.what} ({place})" if place else mistake.what
+        raise error(f"{failure}: {what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
     except Exception as mistake:
         raise error(
-            f"{failure}: {described(mistake, str(Path(__file__).parent))}",
+            f"{failure}: {described(mistake, str(_SOCIALBOT / 'core'))}",
             where=where,
             remedy=f"fix the module {module}",
         ) from mistake
@@ -293,6 +358,8 @@ def agent_packages() -> tuple[AgentPackage, ...]:
         where = f"entry point {point.name!r} of {ENTRY_POINTS}"
         try:
             package = point.load()
+        except GraphError as error:
+            raise GraphError(f"cannot be loaded: {error}", where=where) from error
         except Exception as error:
             remedy = f"fix {point.value}, or uninstall the distribution that declares it"
             raise GraphError(
@@ -334,7 +401,7 @@ def graph_text(name: str) -> str | None:
     return _lookup(
         "graphs",
         name,
-        lambda package: resources.files(package.module).joinpath(package.graphs[name]).read_text("utf-8"),
+        lambda package: package.file(package.graphs[name]).read_text("utf-8"),
     )
 
 
@@ -343,7 +410,7 @@ def behaviours_file(name: str) -> str | None:
     for packages in (built_in_packages, agent_packages):
         for package in packages():
             if package.name == name and package.behaviours:
-                return str(resources.files(package.module).joinpath(package.behaviours))
+                return str(package.file(package.behaviours))
     return None
 
 
@@ -356,15 +423,13 @@ def behaviours_names() -> list[str]:
 def robot_files() -> Mapping[str, str]:
     """Return the paths of the robot profiles of all packages, by name."""
     return {
-        name: str(resources.files(package.module).joinpath(file))
-        for package in reversed(agent_packages())
-        for name, file in package.robots.items()
+        name: str(package.file(file)) for package in reversed(agent_packages()) for name, file in package.robots.items()
     }
 
 
 def robot_binding() -> Callable[..., Any]:
     """Return ``(graph, robot, where=..., folder=...) -> graph``, which connects a graph with a robot profile."""
-    return resolve("socialbot.robots.binding:bind")
+    return importlib.import_module("socialbot.robots.binding").bind
 
 
 def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> str | None:
@@ -379,21 +444,25 @@ def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> s
 def message_types(*, built_in: bool = False) -> tuple[type[Structured], ...]:
     """Return all structured message classes; ``built_in`` limits them to those in socialbot_msgs."""
     packages = built_in_packages() if built_in else agent_packages()
-    listed = (kind for package in packages for reference in package.messages for kind in resolve(reference))
+    listed = (kind for each in packages for reference in each.messages for kind in each.load("messages", reference))
     return tuple(dict.fromkeys((*BUILT_IN_MESSAGES, *listed)))
 
 
 def recorded_types(graph: _Graph) -> tuple[type[Message], ...]:
     """Return the message classes that a bag of ``graph`` needs for a replay."""
     return tuple(
-        kind for package in packages_of(graph) for reference in package.recorded for kind in resolve(reference)
+        kind
+        for package in packages_of(graph)
+        for reference in package.recorded
+        for kind in package.load("recorded", reference)
     )
 
 
 def phrases_of(graph: _Graph | None) -> dict[str, str]:
     """Return sentences by action name for the agents of ``graph``; those of all packages without a graph."""
     packages = agent_packages() if graph is None else packages_of(graph)
-    phrases = {key: text for package in packages if package.phrases for key, text in resolve(package.phrases).items()}
+    loaded = [package.load("phrases", package.phrases) for package in packages if package.phrases]
+    phrases = {key: text for each in loaded for key, text in each.items()}
     for node in graph.nodes if graph is not None else ():
         phrases.update(node.type.phrases)
     return phrases
@@ -402,7 +471,9 @@ def phrases_of(graph: _Graph | None) -> dict[str, str]:
 def vocabulary_of(graph: _Graph | None) -> Vocabulary:
     """Return the words for questions to the agents of ``graph``; those of all packages without a graph."""
     packages = agent_packages() if graph is None else packages_of(graph)
-    found: list[Vocabulary] = [resolve(package.vocabulary) for package in packages if package.vocabulary]
+    found: list[Vocabulary] = [
+        package.load("vocabulary", package.vocabulary) for package in packages if package.vocabulary
+    ]
     return Vocabulary(
         tuple(deed for each in found for deed in each.deeds),
         tuple(condition for each in found for condition in each.conditions),
@@ -431,5 +502,6 @@ def terminal_view_of(graph: _Graph, console: Any) -> TerminalView | None:
 
 
 def _first(graph: _Graph, name: str, *arguments: Any) -> Any:
-    made = (resolve(getattr(each, name))(graph, *arguments) for each in packages_of(graph) if getattr(each, name))
+    named = ((each, getattr(each, name)) for each in packages_of(graph))
+    made = (package.load(name, reference)(graph, *arguments) for package, reference in named if reference)
     return next((one for one in made if one is not None), None)

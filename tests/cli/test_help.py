@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import shlex
+import sys
+from types import ModuleType
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.cli.main import PANELS, app, command, with_new_names
+from socialbot.cli.main import PANELS, Commands, app, command, with_new_names
+from socialbot.core.errors import InstallationError
 
 NAMES = tuple(command().commands)
 
@@ -35,6 +39,26 @@ def test_examples_can_be_parsed(name: str):
         assert parts[0].split()[1] == name
         for part in parts:
             parse(command(), shlex.split(part)[1:])
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"PANEL": "Run a graph", "EXAMPLES": ()}, "socialbot.cli.tally: has no tally\n"),
+        ({"tally": print, "EXAMPLES": ()}, "has no PANEL\n"),
+        ({"tally": print, "PANEL": "Run a graph"}, "has no EXAMPLES\n"),
+        ({"tally": print, "PANEL": "Run graphs", "EXAMPLES": ()}, "did you mean 'Run a graph'?"),
+        ({"tally": print, "PANEL": "Run a graph", "EXAMPLES": "socialbot tally"}, "EXAMPLES is no tuple"),
+    ],
+)
+def test_a_command_without_its_parts_is_reported(attributes, words, monkeypatch):
+    module = ModuleType("socialbot.cli.tally")
+    vars(module).update(attributes)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(pkgutil, "iter_modules", lambda _: [pkgutil.ModuleInfo(None, "tally", False)])  # type: ignore
+    with pytest.raises(InstallationError) as caught:
+        Commands()["tally"]
+    assert words in str(caught.value)
 
 
 def parse(found: Any, words: list[str]) -> None:

@@ -84,7 +84,11 @@ def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypat
         ("Own = 3\n", ["is no node"]),
         (
             "from socialbot import Input\nInput(int, '/a')\n",
-            [": int is no message\n  remedy: give a Message of socialbot"],
+            [": int is no message (own_wrong_", ".py:2)\n  remedy: give a Message of socialbot"],
+        ),
+        (
+            "from socialbot import variables\nX, Y = variables('X, Y')\n",
+            ["'X,' is not a variable name (own_wrong_", ".py:2)"],
         ),
     ],
 )
