@@ -16,6 +16,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+from socialbot.bags.typed import json_text
 from socialbot.core.clock import SECOND, ManualClock, nanoseconds
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, Structured
@@ -74,6 +77,7 @@ class GraphTester:
     """Test runner of a graph in one thread and simulated time, which records every message.
 
     Use it as a context manager: nodes start on entry and stop on exit. A node that raises fails the test on exit.
+    A message that no receiver could decode, such as one with a text where its class says ``int``, raises MessageError.
 
     Args:
         graph: A graph, the name or path of a graph file, or a single node class. The node of a class is called
@@ -183,6 +187,14 @@ class GraphTester:
             raise GraphError("the nodes have not started", where=self.graph.name, remedy=remedy)
 
     def _note(self, topic: str, message: Message) -> None:
+        if isinstance(message, Structured):
+            name = type(message).__name__
+            try:
+                msgspec.json.decode(json_text(message, f"{name} "), type=type(message))
+            except msgspec.ValidationError as error:
+                raise MessageError(f"no valid {name}: {error}", where=topic) from error
+            except MessageError as error:
+                raise MessageError(error.what, where=topic) from error
         self._seen.append((topic, self.clock.now(), message))
 
 

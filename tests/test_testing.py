@@ -84,6 +84,22 @@ def test_a_message_of_another_type_is_an_error():
         tester.send("/heard", "x")  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"text": "x", "id": 3}, "Expected `str`, got `int` - at `$.id`"),
+        ({"text": "x", "id": "u", "cause": object()}, "cannot be written as JSON"),
+    ],
+)
+def test_a_message_with_a_field_of_another_type_is_an_error(fields, words):
+    """Over ROS its receivers would reject it."""
+    with GraphTester(Echo) as tester, pytest.raises(MessageError) as caught:
+        tester.send("/heard", Utterance(stamp=SECOND, **fields))
+    assert "/heard" in str(caught.value)
+    assert words in str(caught.value)
+    assert tester.messages("/heard") == []
+
+
 def test_an_unknown_node_is_an_error():
     with GraphTester(Echo) as tester, pytest.raises(GraphError, match="no node 'echo'") as caught:
         tester.node("echo")

@@ -366,6 +366,12 @@ class Goal(TimedLiteral):
             remedy=f"write {self} >> [...] for its plan, {self} or apart({self}) as a step, engine.achieve({self})",
         )
 
+    def __invert__(self) -> Any:
+        raise RuleError(
+            f"~{self} is not written: goals have no ~",
+            remedy=f"write drop({self}) to give up the goal, test(~belief) to require that a belief is absent",
+        )
+
     def __lshift__(self, condition: object) -> Any:
         raise RuleError(f"{self} is a goal, which follows from nothing", remedy=f"write {self} / condition >> [...]")
 

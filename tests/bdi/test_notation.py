@@ -165,6 +165,11 @@ def test_refuses_other_items_as_conditions(condition):
         _rule = p(1) & condition
 
 
+def test_a_goal_has_no_negation():
+    with raises("~sub(1) is not written", "test(~belief)"):
+        _rule = go() >> [~sub(1)]  # type: ignore[operator]
+
+
 def test_an_event_cannot_compute_in_its_arguments():
     with raises("+p(X + 1) computes"):
         _rule = +p(X + 1) >> []
