@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from socialbot.bags.typed import json_text
 from socialbot.core.clock import SECOND, ManualClock, nanoseconds
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, Structured
@@ -188,13 +187,10 @@ class GraphTester:
 
     def _note(self, topic: str, message: Message) -> None:
         if isinstance(message, Structured):
-            name = type(message).__name__
             try:
-                msgspec.json.decode(json_text(message, f"{name} "), type=type(message))
-            except msgspec.ValidationError as error:
-                raise MessageError(f"no valid {name}: {error}", where=topic) from error
-            except MessageError as error:
-                raise MessageError(error.what, where=topic) from error
+                msgspec.convert(msgspec.to_builtins(message), type(message))
+            except (TypeError, msgspec.ValidationError) as error:
+                raise MessageError(f"no valid {type(message).__name__}: {error}", where=topic) from error
         self._seen.append((topic, self.clock.now(), message))
 
 
