@@ -35,6 +35,7 @@ from typing import Any, Protocol
 
 from socialbot.core.errors import GraphError, SocialbotError, described, place_of, suggestion
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
+from socialbot.core.reading import read_bytes
 from socialbot.core.vocabulary import Vocabulary
 
 ENTRY_POINTS = "socialbot.agents"
@@ -401,7 +402,7 @@ def graph_text(name: str) -> str | None:
     return _lookup(
         "graphs",
         name,
-        lambda package: package.file(package.graphs[name]).read_text("utf-8"),
+        lambda package: read_bytes(package.file(package.graphs[name])).decode("utf-8"),
     )
 
 
