@@ -430,7 +430,7 @@ def robot_files() -> Mapping[str, str]:
 
 def robot_binding() -> Callable[..., Any]:
     """Return ``(graph, robot, where=..., folder=...) -> graph``, which connects a graph with a robot profile."""
-    return importlib.import_module("socialbot.robots.binding").bind
+    return load_reference("socialbot.robots.binding:bind", "robot binding", callable)
 
 
 def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> str | None:
