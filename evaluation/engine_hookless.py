@@ -82,37 +82,7 @@ def _compile(source: str, filename: str, mode: str) -> CodeType:
 
 class _Strip(ast.NodeTransformer):
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        self.generic_visit(node)
-        if isinstance(node.left, ast.Attribute) and node.left.attr == "sink" and _is_none(node.comparators[0]):
+        """Replace a check for the sink by its value; the compiler of Python removes the branch that is never taken."""
+        if ast.unparse(node).endswith((".sink is None", ".sink is not None")):
             return ast.Constant(isinstance(node.ops[0], ast.Is))
         return node
-
-    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        self.generic_visit(node)
-        deciding = isinstance(node.op, ast.Or)
-        kept: list[ast.expr] = []
-        for value in node.values:
-            known = _known(value)
-            if known is None or known is deciding:
-                kept.append(value)
-            if known is deciding:
-                break
-        return ast.Constant(not deciding) if not kept else kept[0] if len(kept) == 1 else ast.BoolOp(node.op, kept)
-
-    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
-        self.generic_visit(node)
-        known = _known(node.test)
-        return node if known is None else node.body if known else node.orelse
-
-    def visit_If(self, node: ast.If) -> ast.stmt | list[ast.stmt]:
-        self.generic_visit(node)
-        known = _known(node.test)
-        return node if known is None else (node.body if known else node.orelse) or ast.Pass()
-
-
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def _known(node: ast.expr) -> bool | None:
-    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, bool) else None

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import ast
+import dis
 import io
 import json
 from dataclasses import replace
@@ -183,18 +183,21 @@ def test_the_engine_without_the_hook_reasons_alike_and_leaves_the_usual_one_alon
 
 
 @pytest.mark.parametrize(
-    ("source", "stripped"),
+    ("source", "names"),
     [
-        ("if ag.sink is not None: f()", "pass"),
-        ("if quiet and self.sink is None:\n    g()\nelse:\n    h()", "if quiet:\n    g()\nelse:\n    h()"),
-        ("c = cause if ag.sink is None else ag.chose()", "c = cause"),
-        ("if a or b or self.sink is not None: f()", "if a or b:\n    f()"),
-        ("if a and self.sink is not None: f()", "if a and False:\n    f()"),
-        ("if other is None: f()", "if other is None:\n    f()"),
+        ("if ag.sink is not None: f()", []),
+        ("if quiet and self.sink is None:\n    g()\nelse:\n    h()", ["quiet", "g", "h"]),
+        ("c = cause if ag.sink is None else ag.chose()", ["cause", "c"]),
+        ("if a or b or self.sink is not None: f()", ["a", "b", "f"]),
+        ("if a and self.sink is not None: f()", ["a"]),
+        ("if other is None: f()", ["other", "f"]),
     ],
 )
-def test_the_question_for_the_sink_is_decided(source, stripped):
-    assert ast.unparse(without_hook(source)) == stripped
+def test_the_question_for_the_sink_is_decided(source, names):
+    found = [
+        one.argval for one in dis.get_instructions(compile(without_hook(source), "", "exec")) if "NAME" in one.opname
+    ]
+    assert found == names
 
 
 def test_a_figure_is_below_as_required_or_as_hoped_for():
