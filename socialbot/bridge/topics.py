@@ -33,7 +33,8 @@ from socialbot.bridge.transport import is_installed, message_class, open_transpo
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import NO_JSON, Message, RosMessage, Structured, ros_message
-from socialbot.core.registry import load_reference, message_types
+from socialbot.core.references import load_reference
+from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.calls import fill_message
 from socialbot.graph.node import WireForm

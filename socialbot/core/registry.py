@@ -25,17 +25,16 @@ import functools
 import importlib
 import pkgutil
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata, resources
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Protocol
 
-from socialbot.core.errors import GraphError, SocialbotError, described, place_of, suggestion
+from socialbot.core.errors import GraphError
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
 from socialbot.core.reading import read_bytes
+from socialbot.core.references import load_reference
 from socialbot.core.vocabulary import Vocabulary
 
 ENTRY_POINTS = "socialbot.agents"
@@ -43,8 +42,6 @@ ENTRY_POINTS = "socialbot.agents"
 
 _ROOMS = ("socialbot.vision", "socialbot.speech", "socialbot.robots", "socialbot.robots.simulation")
 """Packages with shared nodes; each has an attribute ``AGENT``, too."""
-
-_SOCIALBOT = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -274,68 +271,6 @@ class TerminalView(Protocol):
 class _Graph(Protocol):
     @property
     def nodes(self) -> Sequence[Any]: ...
-
-
-def load_reference(
-    reference: str,
-    what: str,
-    fits: Callable[[object], bool],
-    *,
-    name: str = "",
-    where: str = "",
-    places: str = "into the working directory",
-    error: type[SocialbotError] = GraphError,
-) -> Any:
-    """Import the object of a reference ``module:attribute`` that a user wrote.
-
-    Installed modules take precedence over those in the working directory.
-
-    Args:
-        reference: Reference.
-        what: Noun of the object for error messages, such as "node type".
-        fits: Whether an object of the module could be meant, for suggestions.
-        name: Name of the object for error messages; default: the reference.
-        where: Place of the reference, for error messages.
-        places: Where a module may lie that is not installed, for error messages.
-        error: Class of the error that is raised if the module or the attribute cannot be loaded.
-    """
-    module, _, attribute = reference.partition(":")
-    if module.partition(".")[0] != "socialbot":
-        look_in(Path.cwd())
-    failure = f"cannot load {what} {name or reference!r}"
-    try:
-        loaded = importlib.import_module(module)
-    except ModuleNotFoundError as missing:
-        if missing.name is None or not f"{module}.".startswith(f"{missing.name}."):
-            remedy = f"install {missing.name}, which {module} imports, where socialbot is installed"
-            raise error(f"{failure}: {missing}", where=where, remedy=remedy) from missing
-        remedy = f"install it, or put it {places}"
-        raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
-    except SocialbotError as mistake:
-        place = "" if mistake.where else place_of(mistake, str(_SOCIALBOT))
-        what = f"{mistake.what} ({place})" if place else mistake.what
-        raise error(f"{failure}: {what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
-    except Exception as mistake:
-        raise error(
-            f"{failure}: {described(mistake, str(_SOCIALBOT / 'core'))}",
-            where=where,
-            remedy=f"fix the module {module}",
-        ) from mistake
-    if not hasattr(loaded, attribute):
-        own = [key for key, value in vars(loaded).items() if fits(value) and _is_of(loaded, value)]
-        raise error(f"{failure}: {module} has no {attribute!r}", where=where, remedy=suggestion(attribute, own))
-    return getattr(loaded, attribute)
-
-
-def _is_of(module: ModuleType, value: object) -> bool:
-    """Whether a class is defined in ``module``; other values count as its own."""
-    return not isinstance(value, type) or value.__module__ == module.__name__
-
-
-def look_in(folder: Path) -> None:
-    """Let modules in ``folder`` be imported, after those that are installed."""
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))
 
 
 @functools.cache

@@ -30,6 +30,7 @@ from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.references import load_reference, look_in
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
 from socialbot.graph.wizard import read_wizard, wizard_page
@@ -61,7 +62,7 @@ def load_graph(name: str | Path, *, robot: str | Path = "") -> Graph:
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))
     folder = path.resolve().parent
     paths.allow(folder)
-    registry.look_in(folder)
+    look_in(folder)
     return parse_graph(text, where=str(path), robot=robot, folder=folder)
 
 
@@ -173,7 +174,7 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
         )
     places = "beside the graph file or into the working directory"
     reference = f"{module}:{attribute}"
-    found = registry.load_reference(reference, "node type", _is_node, name=name, where=where, places=places)
+    found = load_reference(reference, "node type", _is_node, name=name, where=where, places=places)
     if not _is_node(found):
         raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.node.Node")
     return found

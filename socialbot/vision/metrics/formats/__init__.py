@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from socialbot.core.errors import ParameterError, TruthError, suggestion
-from socialbot.core.registry import load_reference
+from socialbot.core.references import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
 from socialbot.vision.metrics.formats._xml import read_xml
