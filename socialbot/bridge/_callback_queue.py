@@ -47,6 +47,8 @@ class InputQueue:
     port: Input[Any]
     waiting: deque[Message] = field(default_factory=deque)
     cost_s: float = 0.0
+    spacing_s: float = 0.0
+    """Median time between two messages. A median ignores pauses and jumps of the stamps."""
     spacings_s: deque[float] = field(default_factory=lambda: deque(maxlen=CALLS_AVERAGED))
     arrived: int = 0
     received: int = 0
@@ -62,6 +64,7 @@ class InputQueue:
         later_s = (message.stamp - self.latest) / SECOND if self.received else 0.0
         if self.received:
             self.spacings_s.append(later_s)
+            self.spacing_s = median(self.spacings_s)
         self.received += 1
         if self.port.delivery is Delivery.NEWEST and -OVERTAKEN_S <= later_s < 0:
             self.skipped += 1
@@ -94,11 +97,6 @@ class InputQueue:
     def record_cost(self, seconds: float) -> None:
         self.handled += 1
         self.cost_s += (seconds - self.cost_s) / min(self.handled, CALLS_AVERAGED)
-
-    @property
-    def spacing_s(self) -> float:
-        """Median time between two messages. A median ignores pauses and jumps of the stamps."""
-        return median(self.spacings_s) if self.spacings_s else 0.0
 
     @property
     def _slow(self) -> bool:

@@ -69,6 +69,8 @@ class Watch:
     deadline: int = 0
     """The deadline (ns) at the last check."""
     _periods: deque[int] = field(default_factory=lambda: deque(maxlen=PERIODS_KEPT))
+    _normal_gap: int = 0
+    """Longest gap (ns) that the median period allows; 0 with too few messages."""
     _returned: bool = False
     _new: int = 0
     """Number of messages at the begin or since the last silence."""
@@ -77,6 +79,8 @@ class Watch:
         """Record a message; thread-safe."""
         if self.last is not None:
             self._periods.append(now - self.last)
+            if len(self._periods) >= LEAST_PERIODS:
+                self._normal_gap = round(PERIODS * median(self._periods))
         self._returned = self.is_silent
         self._new = 1 if self.is_silent else self._new + 1
         self.port, self.last = port, now
@@ -88,9 +92,7 @@ class Watch:
             return None
         if self._new <= LEAST_PERIODS:
             patience = max(patience, nanoseconds(FIRST_S))
-        if len(self._periods) >= LEAST_PERIODS:
-            patience = max(patience, round(PERIODS * median(tuple(self._periods))))
-        return (self.begun if self.last is None else self.last) + patience
+        return (self.begun if self.last is None else self.last) + max(patience, self._normal_gap)
 
     def next_check(self, now: int) -> int | None:
         """The time (ns) of the next check. It may precede `due`, since new messages can shorten the median period."""
