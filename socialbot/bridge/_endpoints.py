@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -10,11 +11,14 @@ from dataclasses import dataclass, field
 from logging import getLogger
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+import numpy as np
+from msgspec.structs import replace
+
 from socialbot.bags.codec import BULK_TYPES, STRING, TypeFactory, decode, encode
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bridge.stream_watch import BEACON_S, WatchedSubscription
 from socialbot.core.errors import MessageError
-from socialbot.core.messages import Message, Structured
+from socialbot.core.messages import CompressedImage, Image, Message, PointCloud, Structured
 from socialbot.graph.node import WireForm
 
 if TYPE_CHECKING:
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Message)
 
 _BYTES = RosbagsTypes()
+_NO_ITEMS = bytes(4)  # CDR of an empty sequence: its length
 
 log = getLogger("socialbot.transport")
 
@@ -60,7 +65,7 @@ class Sender:
     def publish(self, message: Message) -> None:
         """Encode, seal if there are keys, and publish ``message``."""
         if self.stream is not None and self.drivers is None and isinstance(message, BULK_TYPES):
-            self.publish_encoded(_BYTES.serialize(encode(message, _BYTES)))  # a copy of the pixels less
+            self.publish_encoded(_serialized_bulk(message))
             return
         ros_message = encode(message, self.types, self.form)
         if self.seals is None and isinstance(message, Structured):
@@ -122,6 +127,15 @@ class Sender:
             ros.destroy_publisher(self.seals)
         if self.drivers is not None:
             self.drivers.close()
+
+
+def _serialized_bulk(message: Image | CompressedImage | PointCloud) -> bytes:
+    """Serialize ``message`` with a single copy of its data, if they are its last field."""
+    data = np.asarray(message.data)
+    if isinstance(message, PointCloud) or data.dtype != np.uint8 or data.ndim != 1:
+        return _BYTES.serialize(encode(message, _BYTES))
+    head = _BYTES.serialize(encode(replace(message, data=data[:0]), _BYTES))[: -len(_NO_ITEMS)]
+    return b"".join((head, len(data).to_bytes(len(_NO_ITEMS), sys.byteorder), np.ascontiguousarray(data).data))
 
 
 def _serialized(ros_message: Any) -> bytes:

@@ -7,11 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from socialbot.bags.codec import STRING, encode
-from socialbot.bags.types import PACKAGE, field_types, own_types, type_name
+from socialbot.bags.types import PACKAGE, RosbagsTypes, field_types, own_types, type_name
 from socialbot.bridge import ros_checks, transport
+from socialbot.bridge.detached_seals import padded
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.keys import SecurityError, load_keys, new_key
 from socialbot.bridge.security import SCHEMA, Seal, SealError
@@ -19,7 +21,7 @@ from socialbot.bridge.stream_watch import BEACON_S
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
-from socialbot.core.messages import HeadCommand, Utterance
+from socialbot.core.messages import CompressedImage, HeadCommand, Image, Message, PointCloud, Utterance
 
 TOPIC = "/speech/say"
 WORD = Utterance(stamp=7, id="u1", text="Good morning")
@@ -55,6 +57,42 @@ def keys(tmp_path):
 @pytest.fixture
 def sealed(keys) -> Transport:
     return Transport(Types(), Seal(load_keys(keys), realm="here"))
+
+
+_PIXELS = np.arange(7, dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Image.from_bgr(np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3), stamp=7, frame_id="camera"),
+        CompressedImage(stamp=7, frame_id="camera_1", format="jpeg", data=_PIXELS),
+        CompressedImage(stamp=7, frame_id="", format="png", data=_PIXELS[:0]),
+        CompressedImage(stamp=7, frame_id="camera", format="png", data=_PIXELS[::2]),
+        PointCloud(
+            stamp=7,
+            frame_id="",
+            height=1,
+            width=7,
+            fields=(),
+            is_bigendian=False,
+            point_step=1,
+            row_step=7,
+            data=_PIXELS,
+        ),
+    ],
+)
+def test_large_messages_with_keys_are_serialised_as_by_rosbags(sealed: Transport, message: Message):
+    publisher = Publisher()
+    sealed.sender(publisher, standard=True, seals=Publisher()).publish(message)
+    types = RosbagsTypes()
+    assert publisher.sent == [padded(types.serialize(encode(message, types)))]
+
+
+def test_data_of_another_type_is_refused(sealed: Transport):
+    wide = CompressedImage(stamp=7, frame_id="camera", format="png", data=np.arange(7.0))
+    with pytest.raises(MessageError):
+        sealed.sender(Publisher(), standard=True, seals=Publisher()).publish(wide)
 
 
 def test_messages_are_plain_without_keys():
