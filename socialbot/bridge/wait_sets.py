@@ -10,21 +10,14 @@ from __future__ import annotations
 import inspect
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Iterable
+from collections import deque
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import (
-    ConditionReachedException,
-    ExternalShutdownException,
-    ShutdownException,
-    SingleThreadedExecutor,
-    TimeoutException,
-    TimeoutObject,
-)
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -41,6 +34,10 @@ KINDS = {
     "service": "services",
 }
 """Kinds of entities as a wait set names them, and as a node does."""
+
+
+_Ready = tuple[str, Any, Any]
+"""Kind, entity and node; a task has the kind ``task`` and may have no node."""
 
 
 class _WaitSet:
@@ -112,11 +109,9 @@ class _WaitSet:
             add(entity)
         self._waits.wait(timeout_ns)
 
-    def ready(self) -> list[tuple[str, Any, Node]]:
+    def ready(self) -> list[_Ready]:
         """Kind, entity and node of all that were ready at the end of the last `wait`."""
-        found: list[tuple[str, Any, Node]] = [
-            ("waitable", *each) for each in self._waitables if each[0].is_ready(self._waits)
-        ]
+        found: list[_Ready] = [("waitable", *each) for each in self._waitables if each[0].is_ready(self._waits)]
         for kind, entities in self._entities.items():
             if entities:
                 pointers = self._waits.get_ready_entities(kind)
@@ -125,22 +120,6 @@ class _WaitSet:
             if kind == "guard_condition":
                 entity._executor_triggered = True
         return found
-
-
-class _Call:
-    """Call of a callback without a task, in the form that an executor of rclpy expects of one."""
-
-    def __init__(self, call: Callable[[], None]) -> None:
-        self._call = call
-
-    def __call__(self) -> None:
-        self._call()
-
-    def exception(self) -> None:
-        """There is none: it has left the call."""
-
-    def result(self) -> None:
-        """There is none."""
 
 
 class OneThreadExecutor(SingleThreadedExecutor):
@@ -159,6 +138,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
         self._polled_s = clock() - POLL_PERIOD_S
         self._spinning = 0
         self._is_changed = True
+        self._ready: deque[_Ready] = deque()
         self._kept: tuple[_WaitSet, _WaitSet] | None = None
         self._waiting = threading.Lock()
         guard: Any = self._guard
@@ -188,44 +168,34 @@ class OneThreadExecutor(SingleThreadedExecutor):
             finally:
                 self._waiting.release()
 
-    def _wait_for_ready_callbacks(
-        self, timeout_sec: Any = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = lambda: False
-    ) -> Generator[tuple[Any, Any, Any], None, None]:
-        if nodes is not None:
-            yield from super()._wait_for_ready_callbacks(timeout_sec, nodes, condition)
-            return
+    def _spin_once_impl(
+        self, timeout_sec: float | TimeoutObject | None = None, wait_condition: Callable[[], bool] = lambda: False
+    ) -> None:
         self._spinning = threading.get_ident()
         timeout_ns = timeout_sec_to_nsec(timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec)
         end_ns = time.monotonic_ns() + timeout_ns
-        while not self._is_shutdown and not condition():
-            is_working = False
-            for task, entity, node in self._unfinished():
-                is_working = True
-                yield task, entity, node
-            left_ns = timeout_ns if timeout_ns < 0 else max(0, end_ns - time.monotonic_ns())
-            for kind, entity, node in self._wait(0 if is_working else left_ns):
-                if self._is_changed or self._is_shutdown:
-                    break  # the entity may be destroyed; the next wait finds the others again
-                is_working = True
-                yield self._handler(kind, entity, node), entity, node
-            if is_working:
+        while not self._is_shutdown and not wait_condition():
+            if self._is_changed:
+                self._ready.clear()  # entities may be destroyed; the next wait finds the others again
+            if self._ready:
+                self._handle(*self._ready.popleft())
                 return
-            if timeout_ns >= 0 and end_ns <= time.monotonic_ns():
-                raise TimeoutException
-        if self._is_shutdown:
-            raise ShutdownException
-        raise ConditionReachedException
+            self._ready += self._unfinished()
+            left_ns = timeout_ns if timeout_ns < 0 else max(0, end_ns - time.monotonic_ns())
+            self._ready += self._wait(0 if self._ready else left_ns)
+            if not self._ready and timeout_ns >= 0 and end_ns <= time.monotonic_ns():
+                return
 
-    def _unfinished(self) -> list[tuple[Any, Any, Any]]:
+    def _unfinished(self) -> list[_Ready]:
         if not self._tasks:
             return []
         with self._tasks_lock:
             self._tasks = [each for each in self._tasks if not each[0].done() and not each[0].cancelled()]
-            return [each for each in self._tasks if not each[0].executing()]
+            return [("task", task, node) for task, _, node in self._tasks if not task.executing()]
 
-    def _wait(self, timeout_ns: int) -> list[tuple[str, Any, Node]]:
+    def _wait(self, timeout_ns: int) -> list[_Ready]:
         """Wait for entities of all nodes, and look for QoS events once in `POLL_PERIOD_S`; return what is ready."""
-        found: list[tuple[str, Any, Node]] = []
+        found: list[_Ready] = []
         with self._waiting:
             if not self._is_shutdown:
                 entities, events = self._wait_sets()
@@ -240,7 +210,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
                     found += entities.ready()
             if self._is_shutdown:
                 self._close()
-                raise ShutdownException
+                return []
         if not self._context.ok():
             raise ExternalShutdownException
         return found
@@ -262,12 +232,15 @@ class OneThreadExecutor(SingleThreadedExecutor):
             each.close()
         self._kept = None
 
-    def _handler(self, kind: str, entity: Any, node: Node) -> Any:
+    def _handle(self, kind: str, entity: Any, node: Any) -> None:
         if kind == "subscription":
-            return _Call(partial(self._receive, entity))
-        if kind == "timer":
-            return _Call(partial(self._call_timer, entity))
-        return self._make_handler(entity, node, getattr(self, f"_take_{kind}"))
+            self._receive(entity)
+        elif kind == "timer":
+            self._call_timer(entity)
+        else:
+            task = entity if kind == "task" else self._make_handler(entity, node, getattr(self, f"_take_{kind}"))
+            task()
+            task.result()  # raises the exception of the callback
 
     def _receive(self, subscription: Any) -> None:
         try:
