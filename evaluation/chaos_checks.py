@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import time
@@ -29,6 +30,8 @@ FRESH_S = 3.0
 APART_S = 3.5
 """Least time (s) between two greetings: the scene shows the next person later."""
 ANSWER_S = 20.0
+SILENT_S = 60.0
+"""Longest time (s) without a greeting: the scene shows a person each 13 s."""
 ORPHAN_S = 2.0
 SETTLED_S = 60.0
 GROWTH, GROWTH_MB = 1.3, 30
@@ -87,7 +90,8 @@ class Subject:
     clock: Path | None
     has_guard: bool = True
     reported: dict[str, tuple[float, Mapping[str, str]]] = field(default_factory=dict)
-    greetings: list[float] = field(default_factory=list)
+    greetings: list[tuple[float, str]] = field(default_factory=list)
+    """Times at which greetings began, and their utterances."""
     said: dict[str, float] = field(default_factory=dict)
     """Times of utterances without a status yet, by id."""
 
@@ -158,7 +162,7 @@ class Subject:
         elif isinstance(message, SpeechStatus):
             self.said.pop(message.utterance_id, None)
             if message.state == "started" and message.text == GREETING:
-                self.greetings.append(time.monotonic())
+                self.greetings.append((time.monotonic(), message.utterance_id))
 
 
 class Check:
@@ -171,6 +175,7 @@ class Check:
         self._faults: list[tuple[float, float]] = []
         self._pids: dict[str, dict[str, int]] = {}
         self._may_end = ("", "")
+        self._begun = time.monotonic()
         self.checks = 0
         self.observed_anew = 0
         """How often DDS blocked an observer of this check."""
@@ -218,11 +223,14 @@ class Check:
         return all(subject.process.poll() is None for subject in self._subjects)
 
     def _speech(self, subject: Subject) -> Iterator[str]:
-        for earlier, later in zip(subject.greetings, subject.greetings[1:], strict=False):
+        for (earlier, one), (later, other) in itertools.pairwise(subject.greetings):
             if later - earlier < APART_S:
-                yield f"two greetings within {later - earlier:.1f} s"
+                yield f"two greetings within {later - earlier:.1f} s: {one}, {other}"
         del subject.greetings[:-1]
         now = time.monotonic()
+        since = max([self._begun, *(at for at, _ in subject.greetings)])
+        if subject.name == "waldo" and now - since > SILENT_S:
+            yield f"no greeting was heard for {now - since:.0f} s"
         for utterance, at in list(subject.said.items()):
             if at > now - ANSWER_S:
                 continue

@@ -6,6 +6,7 @@
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <semaphore.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -84,4 +85,11 @@ int pthread_mutex_timedlock(pthread_mutex_t *lock, const struct timespec *until)
   if (!wait) *(void **)&wait = dlsym(RTLD_NEXT, "pthread_mutex_timedlock");
   struct timespec due = real(until);
   return wait(lock, &due);
+}
+
+int sem_timedwait(sem_t *restrict free, const struct timespec *restrict until) {
+  static int (*wait)(sem_t *, const struct timespec *);
+  if (!wait) *(void **)&wait = dlsym(RTLD_NEXT, "sem_timedwait");
+  struct timespec due = real(until);
+  return wait(free, &due);
 }

@@ -133,6 +133,28 @@ def test_the_library_changes_only_clocks_that_can_be_set(tmp_path: Path) -> None
         assert abs(coarse - begun[1] - ahead_s) <= 30
 
 
+WAIT = """
+import ctypes, time
+libc = ctypes.CDLL(None)
+free, until = ctypes.create_string_buffer(64), (ctypes.c_long * 2)(int(time.time()) + 2, 0)
+libc.sem_init(free, 0, 0)
+begun = time.monotonic()
+libc.sem_timedwait(free, until)
+print(time.monotonic() - begun)
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+@pytest.mark.parametrize("ahead_s", [-86400, 86400])
+def test_who_waits_until_a_time_of_day_waits_by_the_changed_clock(tmp_path: Path, ahead_s: int) -> None:
+    """Threads of DDS wait so for shared memory; they would spin, or sleep for a day."""
+    clock = tmp_path / "clock"
+    set_clock(clock, ahead_s)
+    variables = {**os.environ, "LD_PRELOAD": str(build_library(tmp_path)), CLOCK_VARIABLE: str(clock)}
+    waited = subprocess.run([sys.executable, "-c", WAIT], env=variables, capture_output=True, text=True, check=True)
+    assert float(waited.stdout) > 0.5
+
+
 def seen(stamp: int) -> PersonDetections:
     return PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=())
 
