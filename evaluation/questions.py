@@ -53,11 +53,12 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if " | " in target:
         return any(reaches(found, each, verifier) for each in target.split(" | "))
     if " + " in target:
-        return all(reaches(found, each, verifier) for each in target.split(" + "))
+        return all(any(reaches(one, each, verifier) for one in _by_clause(found)) for each in target.split(" + "))
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
+    names = {_plain(claim.what[0]) for claim in claims if claim.kind == "not_named"}
     if kind == "unknown":
-        return not found.known
+        return not found.known or bool(names)
     if kind == "unsaid":
         return any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
     if kind in ("heard", "failed"):
@@ -81,6 +82,8 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "not":
         match = _CALL.fullmatch(rest)
         call, arguments, person = match.groups("") if match else (rest, "", "")
+        if any(_plain(word) in names for word in re.findall(r"\w+", rest)):
+            return True
         denied = [claim for claim in claims if claim.kind == "did_not"]
         named = [
             claim for claim in denied if f"{call}({arguments})" in claim.what or (not arguments and call in claim.what)
@@ -103,6 +106,15 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
         return any(line["kind"] == "detection" for line in near)
     chains = [each for line in near for each in (line, *verifier.trace.causes(line))]
     return any(_is_call(call.strip(), one) for each in chains for one in (*verifier.trace.calls(each), each["what"]))
+
+
+def _by_clause(found: Answer) -> list[Answer]:
+    """Return an answer, and one for each of its clauses."""
+    return [found, *(msgspec.structs.replace(found, clauses=(each,)) for each in found.clauses)]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[ _]", "", name).casefold()
 
 
 def _is_call(call: str, text: str) -> bool:

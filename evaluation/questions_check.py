@@ -30,7 +30,7 @@ CONNECTIVES = re.compile(
     r"the next thing was|das Letzte war|das Nächste war|la dernière chose était|la suite était|lo último fue|"
     r"lo siguiente fue|I saw|ich sah|je voyais|veía a)\b|[\d.:;,\s]"
 )
-ABSENCES = {"did_not", "said_not", "not_believed", "nobody_here", "nothing_wanted", "nothing_failed"}
+ABSENCES = {"not_named", "did_not", "said_not", "not_believed", "nobody_here", "nothing_wanted", "nothing_failed"}
 """Claims that something is not in the trace."""
 Line = Mapping[str, Any]
 
@@ -236,6 +236,7 @@ class Verifier:
             "nobody_here",
             "nothing_wanted",
             "nothing_failed",
+            "not_named",
         )
         denies = claim["kind"] in ("believed", "percept", "message", "outside", "rejected", "chose", "asked")
         if bool(NEGATION.search(plain)) is not negative and not denies:
@@ -453,6 +454,12 @@ class Verifier:
         is_end = end["kind"] == "plan_end" and claim.get("agent") == end["source"]
         return "" if is_end and claim["what"] == known else "did not end so"
 
+    def _not_named(self, claim: Line, lines: Sequence[Line]) -> str:
+        parts = map(re.escape, claim["what"][0].split())
+        word = re.compile(rf"(?<![^\W\d_]){'[ _]?'.join(parts)}(?![^\W\d_])", re.IGNORECASE)
+        found = [line["id"] for line in self.trace.lines if word.search(f"{line['source']} {line['what']}")]
+        return f"{found[0]} names it" if found else ""
+
     def _nothing_failed(self, claim: Line, lines: Sequence[Line]) -> str:
         found = [
             line["id"] for line in self.trace.lines
@@ -484,6 +491,11 @@ class Verifier:
         return "" if len(counted) == claim["value"] == len(lines) else f"it was {len(counted)} times"
 
     def _count_people(self, claim: Line, lines: Sequence[Line]) -> str:
+        if claim.get("what"):
+            deeds = self.trace.deeds(claim["what"], claim["at_s"], claim["until_s"], claim.get("agent", ""))
+            every = {one for line in self.trace.lines for one in people(line)}
+            met = {one for one in every if any(self.trace.concerns(line, one) for line in deeds)}
+            return "" if len(met) == claim["value"] else f"it was done to {len(met)} people"
         came = {
             one
             for line in self.trace.lines

@@ -27,7 +27,7 @@ def said(scope: Scope) -> Told | None:
         spoken = near(spoken, scope.history.stamp(at_s), NEAR_S) or (spoken[:1] if at_s == 0.0 else [])
     elif scope.question.event is not None and scope.question.event.heard is not None:
         spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
-    elif scope.question.ordinal is not None or not scope.persons:
+    elif scope.question.ordinal is not None or not (scope.persons or scope.question.agent):
         spoken = [one for one in [scope.numbered(spoken)] if one is not None]
     event, deed = scope.question.event, scope.event_deed
     if not spoken and event is not None and event.relation == "when" and deed is not None:
@@ -130,10 +130,13 @@ def doing(scope: Scope) -> Told | None:
     if scope.question.event is not None:
         deeds = scope.in_time(each for each in deeds if each.stamp <= scope.now)
         place = -1 if scope.question.event.relation == "before" else 0
-        return _listed_deeds(scope, [deeds[place]]) if deeds else None
+        if deeds:
+            return _listed_deeds(scope, [deeds[place]])
+        deeds = [each for each in scope.subjects.deeds if scope.is_meant(each)]
     if scope.question.ordinal is not None:
         deed = scope.numbered(scope.up_to_now())
-        return None if deed is None else _listed_deeds(scope, [deed])
+        if deed is not None or scope.question.event is None:
+            return None if deed is None else _listed_deeds(scope, [deed])
     if scope.question.at_s is None and scope.question.is_past:
         return _listed_deeds(scope, scope.of_persons(each for each in deeds if each.stamp <= scope.now))
     under_way = [each for each in deeds if each.stamp <= stamp and _is_under_way(scope, each, stamp)]

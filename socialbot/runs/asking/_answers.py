@@ -19,10 +19,10 @@ from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import seen, stay, visitors
-from socialbot.runs.asking._questions import NEAR_S, Question, candidates, with_time
+from socialbot.runs.asking._questions import NEAR_S, Question, candidates, unrecorded, with_time
 from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._scope import NOBODY, Scope, Told
-from socialbot.runs.asking._sentences import Answer, Clause, infinitive
+from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._whether import Whether
 from socialbot.runs.asking._words import tokens
@@ -31,6 +31,8 @@ from socialbot.runs.history import History
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of, decided_at
 
+_MOST_UNRECORDED = 2
+"""Most names without records that an answer tells."""
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
     "heard": heard, "failed": failed, "believed": believed, "ended": ended,
@@ -84,14 +86,26 @@ def answer(
     known = [(answers[n], share) for n, share in shares if answers[n].known and not found[n].question.has_unknown_name]
     asked_at_s = _asked_at_s(run, at_s) if spoken else None
     options = offered(known, SURE, asked_at_s)
-    if probability >= SURE and not options:
-        return msgspec.structs.replace(answers[place], confidence=confidence)
-    question = replace(found[place].question, kind=None)
-    refused = answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+    best = found[place]
+    told = answers[place]
+    if probability < SURE or options:
+        question = replace(best.question, kind=None)
+        told = answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
     if options:
         back = asking_back([each.question for each in options])
-        refused = msgspec.structs.replace(refused, text=back, options=tuple(options))
-    return msgspec.structs.replace(refused, confidence=confidence)
+        told = msgspec.structs.replace(told, text=back, options=tuple(options))
+    elif not (told.known or best.question.verb) and (names := unrecorded(best.found, facts.subjects, text)):
+        told = _without_record(told, names[:_MOST_UNRECORDED])
+    return msgspec.structs.replace(told, confidence=confidence)
+
+
+def _without_record(refused: Answer, names: Sequence[str]) -> Answer:
+    """Return the refusal of a question with the names in it that no record has."""
+    sentences = LANGUAGES[refused.language].sentences
+    clauses = [Clause(sentences["not_named"].format(word=one), (), Claim("not_named", what=(one,))) for one in names]
+    told = f" {sentences['and']} ".join(each.text for each in clauses)
+    text = f"{sentences['unknown']}. {told[:1].upper()}{told[1:]}."
+    return msgspec.structs.replace(refused, text=text, clauses=tuple(clauses))
 
 
 def is_asked(text: str, language: str) -> bool:

@@ -20,6 +20,9 @@ _HEARSAY = {
     "told", "said", "say", "says", "heard", "hear", "believe", "think", "thought", "guess", "suppose", "assume",
     "claim", "claims", "bet", "reckon", "understand", "understood", "noticed", "saw", "gather",
 }  # fmt: skip
+_INDEFINITE = {"anything", "something", "etwas", "algo"}
+"""Words that ask for a thing, but begin no indirect question: ``Did you say anything to me?``"""
+_HEARING = {"hear", "heard"}
 _TAGS = ("true", "correct", "right")
 CLOSELY = {
     "right", "just", "immediately", "directly", "shortly", "soon", "straight", "direkt", "unmittelbar", "gleich",
@@ -93,7 +96,9 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
     before = words[: words.index("you")] if "you" in words else ()
     if before and words[0] in _TELLERS and _HEARSAY.intersection(before) and {"me", "that"}.issuperset(before[2:]):
         return list(words[len(before) :])  # "Somebody told me you ..."
-    asking = [one for name in INTERROGATIVES for one in language.phrases[name]]
+    if len(words) > 4 and (words[1], words[2] in _HEARING, words[3]) == ("you", True, "me"):
+        return [words[0], "i", *words[4:]]  # "Did you hear me say ...?"
+    asking = [one for name in INTERROGATIVES for one in language.phrases[name] if one[0] not in _INDEFINITE]
     thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
     for place, word in enumerate(words):
         before = words[:place]

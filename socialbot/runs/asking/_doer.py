@@ -67,7 +67,10 @@ class _Clause:
         }  # fmt: skip
         if code == "en":
             return (is_robot_you and self._is_robot_english_object()) or self._is_english_subject(verb)
-        return (is_robot_you and self._is_robot_object()) or (not self._at(voices.you) and subject[code]())
+        if self._at(voices.you):
+            return is_robot_you and self._is_robot_object()
+        is_mine = self._at(voices.first) and not any(voices.second.fullmatch(self.words[n]) for n in self.deed)
+        return bool(is_mine) or (is_robot_you and self._is_robot_object()) or subject[code]()
 
     def _at(self, words: Set[str]) -> list[int]:
         return [n for n, word in enumerate(self.words) if word in words and n not in self.unread]

@@ -97,8 +97,19 @@ def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], sta
     # "Go ahead" is not to go: a phrase outdoes a part of it.
     found = [each for each in found if not any(each.places < other.places and other.fit >= each.fit for other in found
                                                if {"declared", "synonym", "act"} & set(other.evidence))]  # fmt: skip
+    found = [each for each in found if not _is_outdone(each, found)]
     found.sort(key=lambda each: (-round(each.fit, 2), not subjects.done(each.topic), -len(each.places)))
     return found[:_MOST_DEEDS]
+
+
+def _is_outdone(deed: NamedDeed, found: Sequence[NamedDeed]) -> bool:
+    """Return whether ``check`` outdoes ``check("Ann")``, as the words do not name Ann, or else the other way round."""
+    alike = [each for each in found if each is not deed and each.topic.call_names == deed.topic.call_names]
+    if deed.topic.is_saying:
+        return False
+    if "(" in deed.topic.name:
+        return "name" not in deed.evidence and any("(" not in each.topic.name for each in alike)
+    return any("name" in each.evidence for each in alike)
 
 
 def _named(

@@ -127,6 +127,8 @@ _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
 _ARTICLES = {"the", "a", "an"}
 _TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
 """Prepositions with an article."""
+_POSSESSIVE = {"its", "your", "his", "their", "sein", "seine", "seinen", "dein", "deine", "deinen", "sa", "son", "ton", "ta"}
+"""Possessive determiners before a thing."""
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
 _PASSING = {"in", "by", "past", "off", "away", "out", "along", "through"}
@@ -190,6 +192,7 @@ class Question:
         belief: Name of the belief that it asks for.
         asks_when: Whether it asks since when something was believed.
         by_people: Whether people do the deed, and not the robot: ``Did t1 greet you?``.
+        counts_people: Whether it asks to how many people the deed was done.
     """
 
     kind: Kind | None
@@ -226,6 +229,7 @@ class Question:
     belief: str = ""
     asks_when: bool = False
     by_people: bool = False
+    counts_people: bool = False
 
     @property
     def has_unknown_name(self) -> bool:
@@ -370,7 +374,7 @@ def _candidates(
         yield from _reported(report, subjects, language)
         return
     whole = _found(words, subjects, language)
-    if _names_nothing(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
+    if _names_without_records(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
         return
     split = without_between(words, language) if whole.question.span_s is None else None
@@ -470,14 +474,20 @@ def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -
     return None if what.person is None else Event(relation, what, leaves=is_over)
 
 
-def _names_nothing(reading: Reading, referred: Set[int], subjects: Subjects) -> bool:
-    """Return whether a number or letter behind the kind of a name makes a name that nothing has: ``room 7``."""
+def _names_without_records(reading: Reading, referred: Set[int], subjects: Subjects) -> list[tuple[str, str]]:
+    """Return kinds of names with a number or letter that makes a name that nothing has: ``room 7``."""
     words = reading.words
     pairs = [(words[place - 1], words[place]) for place in reading.free() if place]
     # "la caisse d1": a letter in front of a number is no French word.
     pairs += [pair for n, pair in enumerate(itertools.pairwise(words), 1) if n not in referred and len(pair[1]) == 1
               and pair[1].isalpha() and "".join(words[n + 1 : n + 2]).isdigit()]  # fmt: skip
-    return any(kind in subjects.kinds and (len(part) == 1 or part.isdigit()) for kind, part in pairs)
+    numbers = {words[n]: "".join(words[n + 1 : n + 2]) for n in range(len(words)) if len(words[n]) == 1}  # the 1 of d1
+    return [
+        (kind, part + number)
+        for kind, part in pairs
+        if kind in subjects.kinds and (len(part) == 1 or part.isdigit())
+        for number in [numbers.get(part, "") if part.isalpha() and numbers.get(part, "").isdigit() else ""]
+    ]
 
 
 def _is_hypothetical(words: Sequence[str], language: Language) -> bool:
@@ -583,6 +593,8 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
                 topics=(deed.topic,), agent=agent, things=things, agent_kind=_asked_kind(found.reading, subjects, deed),
                 is_opposite=deed.is_opposite, is_synonym=deed.is_synonym, is_negative=_is_denied(deed, found),
                 by_people=not quoted and _are_doers(found, deed.places, subjects),
+                counts_people=found.reading.has("how_many") and not found.reading.has("time") and bool(
+                    {*found.reading.places("people")} - deed.places),
                 unknown=tuple(found.reading.words[place] for place in unknown),
             )  # fmt: skip
             if found.reading.has("start") and "why_not" not in asked:  # that is its first time, whenever it was
@@ -710,7 +722,36 @@ def _has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool
         if place and place + 1 not in named  # "the big box"
         if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
     ]
+    nouns = [word for word in nouns if not lexicon.is_general(word, language.code)]  # "go to a place"
     return any(stem(word) not in subjects.recorded_stems and word not in NUMBER_WORDS for word in nouns)
+
+
+def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
+    """Return what a question names and no record does: things behind an article, names, and deeds.
+
+    Args:
+        found: Parts of the question.
+        subjects: What the run can be asked about.
+        text: The question as it was written, with its capital letters.
+    """
+    reading, words = found.reading, found.reading.words
+    names = {word for _, name in _CAPITAL.findall(text) for word in tokens(name)}
+    articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
+    free = [place for place in reading.free() if len(words[place]) > 2]
+    numbered = [f"{kind} {part}" for kind, part in _names_without_records(reading, found.referred, subjects)]
+    numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
+    named = {
+        words[place]
+        for place in free
+        if words[place] in names
+        or words[place - 1] in articles
+        or any(lexicon.section_of(one) == "deeds" for one in lexicon.meanings((words[place],), reading.language.code))
+    }
+    return numbered + [
+        word
+        for word in dict.fromkeys(words)
+        if word in named and not subjects.is_recorded(word, reading.language.code) and word not in NUMBER_WORDS
+    ]
 
 
 def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
@@ -823,8 +864,9 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
     begin = words[1:2] if words[0] in _ARTICLES else words[:1]
-    is_by_person = what.person is not None or begin in people
-    told = (word for n, word in enumerate(words) if n not in found.referred)
+    mine = language.voices.first.intersection(words)
+    is_by_person = what.person is not None or begin in people or bool(mine)
+    told = (word for n, word in enumerate(words) if n not in found.referred and word not in mine)
     heard = tuple(word for word in told if word not in language.known_words)
     is_heard = bool(heard) and all(subjects.is_heard(word) for word in heard)  # "when I thanked you"
     if (what.about_speech or is_heard) and is_by_person and (words[0],) not in language.phrases["you"]:
@@ -919,7 +961,9 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     mine = {one[0] for one in reading.language.phrases["me"]}
     while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *mine, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"
-    vague = {one[0] for name in ("filler", "what") for one in reading.language.phrases[name] if len(one) == 1}
+    vague = {
+        one[0] for name in ("filler", "what", "me", "you") for one in reading.language.phrases[name] if len(one) == 1
+    }
     told = tuple(words[begin:end])
     if vague.issuperset(told) or (not subjects.is_quoted(told) and reading.taken.issuperset(range(begin, end))):
         return (), set()  # "speak with t3", "say anything"

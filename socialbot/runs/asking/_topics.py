@@ -253,6 +253,19 @@ class Subjects:
         words |= {word for topic in self.topics for phrase in topic.loose for word in phrase}
         return words.union(*map(self.words_of_names, LANGUAGES))
 
+    def begins_name(self, text: str) -> bool:
+        """Return whether the name of a thing or an agent begins with words: ``box b``, of box_b1."""
+        return any("".join(tokens(name)).startswith(text.replace(" ", "")) for name in (*self.things, *self.agents))
+
+    def is_recorded(self, word: str, language: str) -> bool:
+        """Return whether the records have a word of a language, in any form of it, or one of the same meaning."""
+        meant = lexicon.meanings((word,), language)
+        return stem(word) in self.recorded_stems or not meant.isdisjoint(self._recorded_meanings)
+
+    @cached_property
+    def _recorded_meanings(self) -> Set[lexicon.Meaning]:
+        return frozenset().union(*map(lexicon.named_meanings, self.recorded_words))
+
     @cached_property
     def _words_by_meaning(self) -> Mapping[lexicon.Meaning, str]:
         """Words in the names of things, agents and deeds by what they mean, unless a verb begins with them."""
@@ -292,6 +305,9 @@ class Subjects:
                     continue
                 apart = text is not None and text[1] not in self.persons and text[1] not in self.agents
                 calls.setdefault(f'{found[1]}("{text[1]}")' if apart and text else found[1], call)
+        apart = Counter(name for key in calls if (name := _call_name(key)) != key and not _SAYING & {*name_tokens(name)})
+        for name in (one for one, count in apart.items() if count > 1):
+            calls.setdefault(name, name)  # "How many badges did you check?" is about check("Ann") and check("Bob")
         common = self._common_words(calls)
         return (*declared, *(self._derived(key, common) for key in calls))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
+
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._causes import reasons_against
 from socialbot.runs.asking._facts import record_agent
@@ -39,6 +41,8 @@ class Whether(Scope):
                 return self._left_undone()
             shown = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
             counted = self._number(deeds)
+            if self.question.counts_people and self.question.person is None and self.topic.names_people:
+                counted = self._number_of_people(deeds, counted)
             return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
         if self.question.says:
             said = self.quoted(self.up_to_now(), self.question.says, ALL_WORDS)
@@ -72,6 +76,13 @@ class Whether(Scope):
             (*self.persons, *self.question.things), float(len(deeds)),
         )  # fmt: skip
         return Clause(text, tuple(each.id for each in deeds), claim)
+
+    def _number_of_people(self, deeds: Sequence[TraceRecord], counted: Clause) -> Clause:
+        """Return how many people the deeds were done to."""
+        count = len({one for each in deeds for one in self.facts.concerned(each)})
+        text = self.speech.say("people_one") if count == 1 else self.speech.say("people", count=count)
+        claim = msgspec.structs.replace(counted.claim, kind="count_people", value=float(count))
+        return Clause(text, counted.records, claim)
 
     def _calls_with_things(self, topic: Topic, deeds: Sequence[TraceRecord]) -> tuple[str, ...]:
         """Return the calls of a deed, with the things in question in their places: ``pickup(*, box_c2)``.

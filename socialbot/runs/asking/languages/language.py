@@ -28,6 +28,7 @@ class Voices:
         receive: Verbs of receiving, with a meaning like that of the passive voice.
         source: Prepositions behind them.
         third: Auxiliaries whose subject is a third person.
+        first: Forms of verbs whose subject is the person who asks.
         participle: Form of the verb in the passive voice.
         second: Form of a verb whose subject is the robot, even if no word says so.
     """
@@ -41,6 +42,7 @@ class Voices:
     third: frozenset[str]
     participle: re.Pattern[str]
     second: re.Pattern[str] = re.compile("(?!)")
+    first: frozenset[str] = frozenset()
 
 
 def word_set(text: str) -> frozenset[str]:

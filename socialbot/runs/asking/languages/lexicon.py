@@ -113,6 +113,13 @@ def meanings(phrase: Phrase, language: str = _ENGLISH) -> frozenset[Meaning]:
 
 
 @cache
+def is_general(word: str, language: str) -> bool:
+    """Return whether a word is only a general one for any thing or place: ``go to another place``."""
+    general = meanings(("thing",)) | meanings(("place",))
+    return any(section_of(one) == "things" for one in meanings((word,), language) & general)
+
+
+@cache
 def named_meanings(word: str) -> frozenset[Meaning]:
     """Return the meanings of a word in a name, which programs write in English or else in another language."""
     return meanings((word,)) or frozenset().union(*(meanings((word,), code) for code in _FORMS))
