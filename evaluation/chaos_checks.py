@@ -30,8 +30,10 @@ FRESH_S = 3.0
 APART_S = 3.5
 """Least time (s) between two greetings: the scene shows the next person later."""
 ANSWER_S = 20.0
-SILENT_S = 60.0
-"""Longest time (s) without a greeting: the scene shows a person each 13 s."""
+LOG, RENEWAL = "up.log", "restart everything: a process died after the clock was set back"
+"""Log of ``up``, and what it says there."""
+SILENT_S = 180.0
+"""Longest time (s) without a greeting: the scene shows a person each 13 s, and recovery may take a minute."""
 ORPHAN_S = 2.0
 SETTLED_S = 60.0
 GROWTH, GROWTH_MB = 1.3, 30
@@ -99,6 +101,7 @@ class Subject:
         self.graph = load_graph(self.name)
         self.nodes = [config.name for config in self.graph.nodes]
         self._observation = ExitStack()
+        self._renewals = 0
         self._spin: SpinWatch | None = None
 
     @contextmanager
@@ -138,6 +141,11 @@ class Subject:
     def pids(self) -> dict[str, int]:
         """Processes of all nodes."""
         return {node: self.pid(node) for node in self.nodes}
+
+    def was_renewed(self) -> bool:
+        """Whether ``up`` has started all nodes again since the last call, as it does after the clock was set back."""
+        before, self._renewals = self._renewals, (self.folder / LOG).read_text("utf-8").count(RENEWAL)
+        return self._renewals > before
 
     def ill(self) -> list[str]:
         """Nodes that are not active, or have not reported lately; ``guard`` if ``up`` has none."""
@@ -215,6 +223,8 @@ class Check:
         for subject in self._subjects:
             pids, before = subject.pids(), self._pids.get(subject.name, {})
             self._pids[subject.name] = pids
+            if subject.was_renewed():
+                continue
             for node, pid in pids.items():
                 if before.get(node, pid) != pid and (subject.name, node) not in may_end:
                     yield f"{subject.name}: {node} was restarted"

@@ -35,6 +35,8 @@ from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics,
 ATTEND_S = 0.1
 
 CLOCK_JUMP_S = 0.5  # threshold below which clock changes are not logged
+DEAF_S = 5.0
+"""Longest time (s) for which a restarted process may receive nothing after the clock was set back."""
 log = logging.getLogger("socialbot.runtime.live")
 
 
@@ -72,7 +74,7 @@ class LiveSource(RunSource):
                     log.error("%s; up observes the graph again with a new DDS participant; see docs/security.md", fault)
             well = up.supervisor.well
             if not execution.ending.asked:
-                log.warning("restart everything: a service came up after the start")
+                log.warning("restart everything: %s", up.why)
 
 
 class _NodesUp:
@@ -87,6 +89,8 @@ class _NodesUp:
         self._begun = time.monotonic()
         self._is_first = well is None
         self._outputs = {config.name: tuple(topic for topic, _ in config.publications) for config in self._graph.nodes}
+        self.why = "a service came up after the start"
+        """Why all processes are started again, if they are."""
         self._observers = 0
         self._renewals = RenewalBackoff()
         self.supervisor = Supervisor(
@@ -128,7 +132,7 @@ class _NodesUp:
             self._renewals.started()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
-            while not (ending.asked or restarted(self.supervisor, self._begun, source.missed())):
+            while not (ending.asked or restarted(self.supervisor, self._begun, source.missed()) or self._is_deaf()):
                 report_alive()
                 self.supervisor.attend(ATTEND_S)
                 if spin.is_blocked():
@@ -144,6 +148,18 @@ class _NodesUp:
                 announcer.announce()
                 self._watch.check()
         return ""
+
+    def _is_deaf(self) -> bool:
+        """Return whether a process died after the clock was set back.
+
+        The shared memory of DDS finds dead readers by the time of day. Until the clock has caught up, the others would
+        write for the dead process, and not for the new one in its place.
+        """
+        again = (one.started for one in self.supervisor.members.values() if one.restarts and one.process is not None)
+        if not any(self._begun < self._watch.set_back_at < at < self._watch.caught_up_at for at in again):
+            return False
+        self.why = "a process died after the clock was set back, so that DDS would send it nothing"
+        return True
 
     def close(self) -> None:
         """End the nodes, if that was not done before."""
@@ -177,12 +193,20 @@ class ClockWatch:
     clock: WallClock
     logged_s: float = 0.0
     """Difference of both clocks at the last log line."""
+    set_back_at: float = 0.0
+    """When the clock was set back by more than `DEAF_S` (monotonic s)."""
+    caught_up_at: float = 0.0
+    """When it will be as late as it was before (monotonic s)."""
 
     def check(self) -> None:
         """Compare the clocks once."""
         behind_s = self.clock.behind_s
         if abs(behind_s - self.logged_s) < CLOCK_JUMP_S:
             return
+        back_s = self.logged_s - behind_s
+        if back_s > DEAF_S:
+            self.set_back_at = time.monotonic()
+            self.caught_up_at = max(self.caught_up_at, self.set_back_at + back_s)
         log.warning(
             "the clock of this computer was set %s by %.1f s; the graph keeps its own time, which is %.1f s %s:"
             " restart it to use the new time",
