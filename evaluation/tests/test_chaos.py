@@ -61,13 +61,13 @@ def test_each_violation_is_found(subject, monkeypatch):
     check, now = Check([subject]), time.monotonic()
     (subject.disk / "run" / "trace.jsonl").write_bytes(b"{}\n")
     subject.reported["head"] = (now + 1e6, {"state": "inactive", "pid": "1"})
-    subject.greetings = [now - 2.0, now]
+    subject.greetings = [(now - 2.0, "u3"), (now, "u4")]
     subject.said = {"u1": now - 100.0, "u2": now}
     found = check.after("a test", now)
     assert found[0] == "waldo: not active within 0.1 s after a test: head"
     assert found[1].startswith("waldo: trace.jsonl:1 is no record")
     assert found[2:] == [
-        "waldo: two greetings within 2.0 s after a test",
+        "waldo: two greetings within 2.0 s: u3, u4 after a test",
         "waldo: utterance u1 was neither spoken nor refused after a test",
     ]
     subject.process.kill()

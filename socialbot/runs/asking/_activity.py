@@ -49,7 +49,7 @@ def heard(scope: Scope) -> Told | None:
         found = [each for each in found if _is_reported(scope, each)]
     elif scope.question.says:
         content = set(scope.question.says) - LANGUAGES[scope.question.language].known_words
-        if not {stem(word) for word in content} <= scope.subjects.heard_stems:
+        if not all(map(scope.subjects.is_heard, content)):
             return None  # "Did t1 ask you for money?": nobody said that word
         found = fitting_words(found, scope.question.says)
     if scope.question.at_s is not None:

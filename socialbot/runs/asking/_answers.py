@@ -94,7 +94,7 @@ def answer(
     if options:
         back = asking_back([each.question for each in options])
         told = msgspec.structs.replace(told, text=back, options=tuple(options))
-    elif not (told.known or best.question.verb) and (names := unrecorded(best.found, facts.subjects, text)):
+    elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
         told = _without_record(told, names[:_MOST_UNRECORDED])
     return msgspec.structs.replace(told, confidence=confidence)
 

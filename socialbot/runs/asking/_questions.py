@@ -127,7 +127,10 @@ _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
 _ARTICLES = {"the", "a", "an"}
 _TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
 """Prepositions with an article."""
-_POSSESSIVE = {"its", "your", "his", "their", "sein", "seine", "seinen", "dein", "deine", "deinen", "sa", "son", "ton", "ta"}
+_POSSESSIVE = {
+    "its", "your", "his", "their", "sein", "seine", "seinen", "dein", "deine", "deinen", "sa", "son", "ton", "ta", "su",
+    "tu",
+}  # fmt: skip
 """Possessive determiners before a thing."""
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
@@ -734,10 +737,14 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
         subjects: What the run can be asked about.
         text: The question as it was written, with its capital letters.
     """
-    reading, words = found.reading, found.reading.words
+    reading, words, verb = found.reading, found.reading.words, found.question.verb
+    if verb and not subjects.is_recorded(verb, reading.language.code):
+        return []  # The refusal names the verb.
     names = {word for _, name in _CAPITAL.findall(text) for word in tokens(name)}
     articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
-    free = [place for place in reading.free() if len(words[place]) > 2]
+    # "Ann" resembles "any", but is a name. German nouns have capital letters, too.
+    certain = {word for word in names if reading.language.code != "de" and word not in reading.language.known_words}
+    free = [place for place, word in enumerate(words) if len(word) > 2 and (place in reading.free() or word in certain)]
     numbered = [f"{kind} {part}" for kind, part in _names_without_records(reading, found.referred, subjects)]
     numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
     named = {

@@ -12,7 +12,6 @@ from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of, has_word
-from socialbot.runs.asking._words import stem, tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of
@@ -44,7 +43,7 @@ T = TypeVar("T")
 
 def fitting_words(heard: Sequence[TraceRecord], words: Sequence[str]) -> list[TraceRecord]:
     """Return the utterances of people with the most of ``words``, in any form of them; none if no word fits."""
-    counts = [len({*map(stem, words)} & {*map(stem, tokens(each.what))}) for each in heard]
+    counts = [sum(has_word(each.what, word) for word in {*words}) for each in heard]
     most = max([1, *counts])
     return [each for each, count in zip(heard, counts, strict=True) if count == most]
 

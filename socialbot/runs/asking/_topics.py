@@ -305,7 +305,9 @@ class Subjects:
                     continue
                 apart = text is not None and text[1] not in self.persons and text[1] not in self.agents
                 calls.setdefault(f'{found[1]}("{text[1]}")' if apart and text else found[1], call)
-        apart = Counter(name for key in calls if (name := _call_name(key)) != key and not _SAYING & {*name_tokens(name)})
+        apart = Counter(
+            name for key in calls if (name := _call_name(key)) != key and not _SAYING & {*name_tokens(name)}
+        )
         for name in (one for one, count in apart.items() if count > 1):
             calls.setdefault(name, name)  # "How many badges did you check?" is about check("Ann") and check("Bob")
         common = self._common_words(calls)

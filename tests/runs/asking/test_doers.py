@@ -78,3 +78,22 @@ def test_who_is_asked_is_not_told_what_the_robot_said(talk):
     assert [claim.what[0] for claim in claims if claim.kind == "heard"] == ["Hello.", "Thank you very much."]
     for question in ("Did t1 say goodbye to you?", "Did anybody say thank you to you?"):
         assert not answer(talk, question).text.startswith(("Yes", "No"))
+
+
+@pytest.mark.parametrize(
+    "question", ["What did I say?", "Was habe ich gesagt?", "Qu'est-ce que j'ai dit ?", "¿Qué he dicho?"]
+)
+def test_who_asks_is_told_what_he_said_himself(talk, question):
+    claims = [clause.claim for clause in answer(talk, question).clauses]
+    assert [claim.what[0] for claim in claims if claim.kind == "heard"] == ["Hello.", "Thank you very much."]
+
+
+def test_the_robot_is_asked_whether_it_heard_somebody(talk):
+    claims = [clause.claim for clause in answer(talk, "Did you hear me say thank you?").clauses]
+    assert [claim.what for claim in claims if claim.kind == "heard"] == [("Thank you very much.",)]
+
+
+def test_what_was_said_to_who_came_in_is_told(talk):
+    claims = [clause.claim for clause in answer(talk, "What did you say to me when I came in?").clauses]
+    assert claims
+    assert {claim.kind for claim in claims} <= {"said", "did"}

@@ -10,7 +10,7 @@ from socialbot.runs.asking import _answers, answer, asking_back, chosen_option, 
 from tests.runs.asking.waldo_run import two_visitors
 
 UNCLEAR = "What about the first visitor?"
-OPTIONS = ("what I said at 2.2 s", "what I did at 2.2 s")
+OPTIONS = ("what I did at 2.2 s", "what I said at 2.2 s")
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +25,8 @@ def test_the_closest_readings_are_offered_with_their_answers(run):
     assert found.text == f"Do you ask {OPTIONS[0]}, or {OPTIONS[1]}?"
     assert tuple(each.question for each in found.options) == OPTIONS
     assert [each.text for each in found.options] == [
-        'At 2.2 s I said "Hello! Nice to see you.".',
         "At 2.2 s I greeted person t1.",
+        'At 2.2 s I said "Hello! Nice to see you.".',
     ]
     for each in found.options:
         assert each.known
@@ -36,8 +36,8 @@ def test_the_closest_readings_are_offered_with_their_answers(run):
 
 def test_times_are_asked_aloud_as_people_say_them(run):
     found = answer(run, UNCLEAR, spoken=True)
-    assert found.text == "Do you ask what I said 28 seconds ago, or what I did 28 seconds ago?"
-    assert chosen_option([each.question for each in found.options], "what you said") == 1
+    assert found.text == "Do you ask what I did 28 seconds ago, or what I said 28 seconds ago?"
+    assert chosen_option([each.question for each in found.options], "what you said") == 2
 
 
 @pytest.mark.parametrize(

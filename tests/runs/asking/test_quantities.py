@@ -132,3 +132,15 @@ def test_words_that_were_said_are_counted_and_not_denied(run):
 )
 def test_a_comparison_by_time_has_both_deeds_in_order(run, question, text):
     assert answer(run, question).text.lower() == text.lower()
+
+
+@pytest.mark.parametrize(
+    ("question", "begin"),
+    [
+        ("How many people did you greet?", "2 people: "), ("How many visitors did you offer help to?", "One person: "),
+        ("How many times did you greet people?", "2 times: "), ("Wie viele Leute hast du begrüßt?", "2 Personen: "),
+        ("Combien de personnes as-tu saluées ?", "2 personnes: "), ("¿A cuántas personas saludaste?", "2 personas: "),
+    ],
+)  # fmt: skip
+def test_people_are_counted_if_the_question_asks_for_people(run, question, begin):
+    assert answer(run, question).text.startswith(begin)

@@ -334,3 +334,42 @@ def test_speaking_is_counted(yard, question):
 )
 def test_request_is_found_by_what_was_asked_for(yard, question):
     assert answer(yard, question).clauses[0].claim.at_s == 5
+
+
+@pytest.mark.parametrize(
+    ("question", "named"),
+    [
+        ("Did the gripper pick up the lamp?", "lamp"), ("Hat spot die Garage besucht?", "garage"),
+        ("¿Recogiste la lámpara?", "lampara"), ("As-tu ramassé la caisse d1 ?", "box d1"),
+        ("Did guard a check Ann?", "ann"), ("Why did you pick up box 7?", "box 7"),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_what_no_record_has(yard, question, named):
+    found = answer(yard, question)
+    assert not found.known
+    assert [each.claim.what for each in found.clauses] == [(named,)]
+    assert named in found.text
+
+
+@pytest.mark.parametrize("question", ["What is box a?", "Did spot really cross the room?", "Why is box b1 the best?"])
+def test_a_refusal_does_not_name_what_a_record_has(yard, question):
+    assert not {"box a", "room", "box", "box b1", "spot"} & {
+        each.claim.what[0] for each in answer(yard, question).clauses
+    }
+
+
+@pytest.mark.parametrize("question", ["How many badges did you check?", "Who was checked?", "Whom did you check?"])
+def test_a_deed_to_several_people_is_asked_for_without_a_name(question):
+    deeds = ('check("Bob")', 'check("Ann")', 'say("Come in")')
+    records = [TraceRecord(stamp=n * SECOND, id=f"g-{n}", source="guard", kind="action", what=each)
+               for n, each in enumerate(deeds)]  # fmt: skip
+    claims = [clause.claim for clause in answer(RunView(None, History(records), None), question).clauses]
+    assert {claim.what for claim in claims if claim.kind == "did"} == {("check(Bob)",), ("check(Ann)",)}
+
+
+def test_a_deed_in_several_words_is_no_other_place():
+    records = [TraceRecord(stamp=n * SECOND, id=f"r-{n}", source="rover", kind="action", what=f"go(rover, rock_{n})")
+               for n in range(3)]  # fmt: skip
+    run = RunView(None, History(records), None)
+    for question in ("How often did you go to another place?", "¿Cuántas veces fuiste de un sitio a otro?"):
+        assert [clause.claim.value for clause in answer(run, question).clauses][:1] == [3.0], question

@@ -85,7 +85,8 @@ def test_states_and_counts_are_asked_for(waldo, question, text):
 )
 def test_other_questions_are_refused(waldo, question):
     found = answer(waldo, question)
-    assert (found.known, found.clauses) == (False, ())
+    assert not found.known
+    assert {each.claim.kind for each in found.clauses} <= {"not_named"}
     assert found.examples
 
 

@@ -59,7 +59,7 @@ GERMAN = Language(
             "blieb,bleiben,ging,stand,gestanden,weggegangen,verschwunden,kamst,ankommen,angekommen,kommt,losgegangen"
         ),
         "people": (
-            "leute,person,personen,besucher,besucherin,mann,frau,gast,gaste,mensch,menschen,jemand,jemanden,kind"
+            "leute,leuten,person,personen,besucher,besucherin,mann,frau,gast,gaste,mensch,menschen,jemand,jemanden,kind"
         ),
         "group": "paar",
         "nobody": "niemand,niemanden,leer",
