@@ -53,16 +53,16 @@ def test_a_rule_that_nothing_triggered_is_a_reason(tmp_path):
 
 def test_the_closest_readings_of_an_unclear_question_are_told(run):
     assert told(run, "What about the first visitor?").splitlines() == [
-        "Do you ask what I said at 0.7 s, or what I did at 0.7 s?",
+        "Do you ask what I did at 0.7 s, or what I said at 0.7 s?",
         "",
-        '    what I said at 0.7 s: At 0.7 s I said "Hello! Nice to see you.".',
         "    what I did at 0.7 s: At 0.7 s I greeted person t1.",
+        '    what I said at 0.7 s: At 0.7 s I said "Hello! Nice to see you.".',
     ]
 
 
 def test_says_what_can_be_asked_instead(run):
     lines = told(run, "Where is the exit?").splitlines()
-    assert lines[0].startswith("I don't know. I am not sure what you ask. I can tell why I")
+    assert lines[0].startswith('I don\'t know. The record does not mention "exit". I can tell why I')
     assert "    Why did you greet?" in lines
 
 

@@ -119,8 +119,8 @@ def test_a_reply_chooses_a_reading_of_the_question_before(get):
     unclear = "What about the first visitor?"
     found = get("/api/ask", params={"question": unclear}).json()
     assert [each["question"] for each in found["options"]] == [
-        "what I said at 0.7 s",
         "what I did at 0.7 s",
+        "what I said at 0.7 s",
     ]
     chosen = get("/api/ask", params={"question": "what you said", "reply_to": unclear}).json()
     assert (chosen["known"], chosen["text"]) == (True, 'At 0.7 s I said "Hello! Nice to see you.".')

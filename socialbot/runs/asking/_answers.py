@@ -104,7 +104,9 @@ def _without_record(refused: Answer, names: Sequence[str]) -> Answer:
     sentences = LANGUAGES[refused.language].sentences
     clauses = [Clause(sentences["not_named"].format(word=one), (), Claim("not_named", what=(one,))) for one in names]
     told = f" {sentences['and']} ".join(each.text for each in clauses)
-    text = f"{sentences['unknown']}. {told[:1].upper()}{told[1:]}."
+    told, unclear = f"{told[:1].upper()}{told[1:]}", sentences["unclear"]
+    is_unclear = f" {unclear}." in refused.text
+    text = refused.text.replace(f" {unclear}.", f" {told}.") if is_unclear else f"{sentences['unknown']}. {told}."
     return msgspec.structs.replace(refused, text=text, clauses=tuple(clauses))
 
 

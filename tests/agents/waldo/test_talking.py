@@ -257,9 +257,9 @@ UNCLEAR = "What about the first visitor?"
 @pytest.mark.parametrize(
     ("reply", "told"),
     [
-        ("The second one, please.", "I greeted you"),
+        ("The second one, please.", f'I said "{GREETING}"'),
         ("What you said.", f'I said "{GREETING}"'),
-        ("Yes.", f'I said "{GREETING}"'),
+        ("Yes.", "I greeted you"),
         ("what you did", "I greeted you"),
         ("No.", "All right."),
         ("Why did you greet me?", "I greeted you because"),
@@ -270,8 +270,8 @@ def test_a_question_that_is_not_clear_is_asked_back(reply, told):
         hall.see(16.0, "t1")
         hall.hear("t1", UNCLEAR)
         hall.see(4.0, "t1")
-        assert hall.said[-1] == "Do you ask what I said 16 seconds ago, or what I did 16 seconds ago?"
-        options = '["what I said 16 seconds ago", "what I did 16 seconds ago"]'
+        assert hall.said[-1] == "Do you ask what I did 16 seconds ago, or what I said 16 seconds ago?"
+        options = '["what I did 16 seconds ago", "what I said 16 seconds ago"]'
         assert f'heard("t1", "unclear", {options})' in hall.believes()
         assert 'asked("t1", "clarify")' in hall.believes()
         hall.hear("t1", reply)
