@@ -127,19 +127,20 @@ def processor_s() -> float:
     )
 
 
-def test_the_emptiest_stacks_of_a_large_warehouse_take_boxes():
+@pytest.mark.parametrize("kept", [1, 2])
+def test_the_emptiest_stacks_of_a_large_warehouse_take_boxes(kept):
     domain, problem, _ = warehouse(48, 12)
-    smaller = with_fewer_options(domain, problem)
+    smaller = with_fewer_options(domain, problem, kept)
     assert smaller is not None
     removed = problem.facts - smaller.facts
     assert {fact.name for fact in removed} == {"takes_boxes"}
     assert Predicate("takes_boxes", ("base_17",)) in smaller.facts, "the only stack without a box"
-    assert sum(fact.name == "takes_boxes" for fact in smaller.facts) == restriction.KEPT
+    assert sum(fact.name == "takes_boxes" for fact in smaller.facts) == kept
 
 
 def test_small_problems_are_left_as_they_are():
     domain, problem, _ = warehouse(6, 3)
-    assert with_fewer_options(domain, problem) is None
+    assert with_fewer_options(domain, problem, 1) is None
 
 
 @pytest.mark.parametrize(
@@ -155,17 +156,16 @@ def test_predicates_that_change_or_are_asked_otherwise_are_no_options(monkeypatc
     problem = """(define (problem p) (:domain d) (:objects a b c - thing)
                  (:init (free a) (free b) (free c)) (:goal (done)))"""
     domain = read_domain(base.format(""))
-    assert with_fewer_options(domain, read_problem(problem, domain)) is not None
+    assert with_fewer_options(domain, read_problem(problem, domain), 1) is not None
     domain = read_domain(base.format(change))
-    assert with_fewer_options(domain, read_problem(problem, domain)) is None
+    assert with_fewer_options(domain, read_problem(problem, domain), 1) is None
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_plans_of_reduced_problems_are_plans_of_the_original(monkeypatch, seed):
     monkeypatch.setattr(restriction, "LARGE", 1)
-    monkeypatch.setattr(restriction, "KEPT", 1)
     domain, problem, _ = random_pair(seed)
-    smaller = with_fewer_options(domain, problem)
+    smaller = with_fewer_options(domain, problem, 1)
     if smaller is None:
         return
     answer = make_planner().solve(domain, smaller, PlannerLimits(timeout_s=1.0))
@@ -174,7 +174,6 @@ def test_plans_of_reduced_problems_are_plans_of_the_original(monkeypatch, seed):
 
 def test_a_problem_that_needs_the_dropped_options_is_solved_all_the_same(monkeypatch):
     monkeypatch.setattr(restriction, "LARGE", 1)
-    monkeypatch.setattr(restriction, "KEPT", 1)
     domain = read_domain(
         """(define (domain d) (:requirements :typing) (:types thing) (:predicates (free ?x - thing) (on ?x - thing))
            (:action a :parameters (?x - thing) :precondition (free ?x) :effect (on ?x)))"""

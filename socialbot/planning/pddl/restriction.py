@@ -183,15 +183,15 @@ def _word(text: str) -> SexpWord:
 
 LARGE = 100_000
 """Number of possible ground actions from which a problem is reduced."""
-KEPT = 2
-"""Number of objects that keep an option."""
+KEPT_OPTIONS = (1, 2)
+"""Numbers of objects that keep an option, in the order in which they are tried."""
 
 
-def with_fewer_options(domain: PddlDomain, problem: PddlProblem) -> PddlProblem | None:
-    """Return a large problem in which only some objects keep an option, such as a stack that takes boxes.
+def with_fewer_options(domain: PddlDomain, problem: PddlProblem, kept: int) -> PddlProblem | None:
+    """Return a large problem in which only ``kept`` objects have an option, such as a stack that takes boxes.
 
-    An option is a predicate of one object that no action changes and that conditions only ask to be true. It stays for
-    the objects of which the fewest facts hold. Each plan for the result is a plan for the original, but the result may
+    An option is a predicate of one object that no action changes and that conditions only ask to be true. The objects
+    of which the fewest facts hold keep it. Each plan for the result is a plan for the original, but the result may
     have none.
 
     Returns:
@@ -205,7 +205,7 @@ def with_fewer_options(domain: PddlDomain, problem: PddlProblem) -> PddlProblem 
         holders = sorted(
             (fact for fact in problem.facts if fact.name == name), key=lambda fact: (degrees[fact.terms[0]], fact.terms)
         )
-        dropped.update(holders[KEPT:])
+        dropped.update(holders[kept:])
     return replace(problem, facts=problem.facts - dropped, text="") if dropped else None
 
 

@@ -21,7 +21,7 @@ from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, P
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
 from socialbot.planning.pddl.reader import read_problem
-from socialbot.planning.pddl.restriction import with_fewer_options
+from socialbot.planning.pddl.restriction import KEPT_OPTIONS, with_fewer_options
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 
@@ -218,9 +218,11 @@ class ChildPlanner(ABC):
             return _shorter(answer.plan, other, aimed)
 
     def _first(self, search: SearchJob, domain: PddlDomain, problem: PddlProblem) -> tuple[PlannerAnswer, SearchJob]:
-        """Return the first plan, with the job for the time before it. A large problem is reduced first if possible."""
-        reduced = with_fewer_options(domain, problem)
-        if reduced is not None:
+        """Return the first plan, with the job for the time before it. A large problem is reduced first."""
+        for kept in KEPT_OPTIONS:
+            reduced = with_fewer_options(domain, problem, kept)
+            if reduced is None:
+                break
             (search.folder / PROBLEM_FILE).write_text(problem_text(reduced, domain.constants), "utf-8")
             answer = self._validated(self.search(search.half), domain, problem)
             if answer.plan is not None or answer.verdict in (PlannerVerdict.CANCELLED, PlannerVerdict.FAILED):
