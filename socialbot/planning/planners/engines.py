@@ -76,7 +76,7 @@ class Kairos(ChildPlanner):
         return self._thorough(search.after(greedy), *aim)
 
     def improve(self, search: SearchJob) -> PlannerAnswer:
-        return self._search(search, "--no-anytime", "--search", "novelty")
+        return self._search(search, "--no-anytime", "--search", "eager-lama")
 
     def _thorough(self, search: SearchJob, *options: str) -> PlannerAnswer:
         first = replace(search, left_s=THOROUGH_SHARE * search.left_s)
