@@ -213,6 +213,13 @@ def test_a_plan_of_200_steps_takes_less_than_50_ms():
     assert best < 0.05
 
 
+def test_steps_without_times_happen_one_after_the_other() -> None:
+    text = "; cost = 3\n(DROP a)\n\n  (lift a) ; again\n(drop a) [2]\n"
+    assert str(parse_plan(text)) == "1.000: (drop a) [0.000]\n2.000: (lift a) [0.000]\n3.000: (drop a) [2.000]\n"
+    mixed = parse_plan("(lift a)\n5: (wait) [1]\n(drop a)")
+    assert [(step.start_s, step.action) for step in mixed.steps] == [(1.0, "lift"), (2.0, "drop"), (5.0, "wait")]
+
+
 @pytest.mark.parametrize("line", ["0: (" + " " * 20_000, "0: (a" + " " * 20_000 + ")x", "0" * 20_000, "0 " * 10_000])
 def test_a_long_line_that_is_no_step_of_a_plan_is_refused_soon(line: str) -> None:
     begun = time.process_time()
@@ -236,6 +243,14 @@ DOMAIN = """(define (domain d) (:types box) (:constants a b - box)
   (:action copies :effect (assign (m) (n)))
   (:action perhaps :parameters (?x - box) :effect (when (q ?x) (p ?x)))
   (:action both :parameters (?x - box) :effect (and (p ?x) (not (p ?x)))))"""
+
+
+def test_a_plan_without_times_is_validated_in_its_order() -> None:
+    domain = read_domain(DOMAIN)
+    problem = read_problem("(define (problem x) (:domain d) (:goal (p a)))", domain)
+    assert not validate_plan(domain, problem, parse_plan("(adds a)\n(reads a)"))
+    (fault,) = validate_plan(domain, problem, parse_plan("(reads a)\n(adds a)"))
+    assert str(fault.condition) == "(p a)" and fault.time_s == 1.0
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -155,7 +156,7 @@ class PddlProblem:
     where: str = field(default="", compare=False)
 
 
-_LINE = re.compile(r"\s*([0-9.eE+-]+)\s*:\s*\(([^()]*)\)\s*(?:\[\s*([0-9.eE+-]+)\s*\]\s*)?(?:;.*)?$")
+_LINE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*:\s*)?\(([^()]*)\)\s*(?:\[\s*([0-9.eE+-]+)\s*\]\s*)?(?:;.*)?$")
 
 SEPARATION_S = 0.001
 """Separation (s) that planners put between steps; deadlines allow for it."""
@@ -212,9 +213,11 @@ def in_time(plan: PddlPlan, makespan_s: float) -> bool:
 def parse_plan(text: str, *, where: str = "plan") -> PddlPlan:
     """Parse a plan with one step per line, as planners print it. Raises PlanningError with the line.
 
-    Empty lines and comments (``;``) are ignored; the default duration is 0 s.
+    Empty lines and comments (``;``) are ignored; the default duration is 0 s. Steps without times, as classical
+    planners print them, happen one after the other, at 1 s, 2 s, and so on (as in VAL).
     """
     steps = []
+    untimed = itertools.count(1)
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith(";"):
             continue
@@ -223,11 +226,12 @@ def parse_plan(text: str, *, where: str = "plan") -> PddlPlan:
             raise PlanningError(
                 f"no step of a plan: {line.strip()!r}",
                 where=f"{where}:{number}",
-                remedy="write 0.000: (go a b) [5.000]",
+                remedy="write 0.000: (go a b) [5.000], or (go a b) if it takes no time",
             )
         name, *args = found[2].lower().split()
         try:
-            steps.append(PlanStep(float(found[1]), name, tuple(args), float(found[3] or 0.0)))
+            start_s = float(found[1] or next(untimed))
+            steps.append(PlanStep(start_s, name, tuple(args), float(found[3] or 0.0)))
         except ValueError as error:
             raise PlanningError(f"no number: {error}", where=f"{where}:{number}") from error
     return PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s)))
