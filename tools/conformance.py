@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 from pathlib import Path
 
-from socialbot.bdi.stdlib import internals
+from socialbot.bdi.stdlib import internals, usage
 from tests.conformance.jason import Item, all_items
 from tests.conformance.random_programs import recorded
 
@@ -61,8 +61,7 @@ def description(name: str) -> str:
     """What an internal action does, by its docstring; empty for other items."""
     entry = internals().get(name)
     if entry is not None:
-        text = " ".join((entry.function.__doc__ or "").split())
-        return text.replace("``", "`")
+        return usage(entry)
     group = [text for text in map(description, sorted(internals())) if text.startswith(f"`{name}.")]
     return DESCRIBED.get(name, "") or "; ".join(group)
 

@@ -129,8 +129,8 @@ def report_confused_names(plan: Plan, library: Library) -> None:
                 log().warning("%s: %s: %s", plan.place, belief, why)
 
 
-Doubt = tuple["Plan | Inference | Literal", str, str]
-"""A rule or an initial goal that may never have an effect, the reason, and the remedy."""
+Doubt = tuple["Plan | Inference | Literal", str, str, Literal]
+"""A rule or an initial goal that may never have an effect, the reason, the remedy, and the literal in question."""
 
 
 def goals_without_plans(library: Library, initial: Iterable[Literal] = ()) -> Iterator[Doubt]:
@@ -147,7 +147,7 @@ def goals_without_plans(library: Library, initial: Iterable[Literal] = ()) -> It
             alike = sorted(key for key in known if key.rpartition("/")[0] == goal.functor)
             alike = alike or difflib.get_close_matches(goal.key, sorted(known), n=1)
             remedy = f"there are plans for {', '.join(alike)}" if alike else "add one, unless it comes later"
-            yield place, f"no plan for the goal {goal.key}", remedy
+            yield place, f"no plan for the goal {goal.key}", remedy, goal
 
 
 def beliefs_not_given(library: Library, initial: Iterable[Literal]) -> Iterator[Doubt]:
@@ -168,7 +168,7 @@ def beliefs_not_given(library: Library, initial: Iterable[Literal]) -> Iterator[
         for belief in used:
             alike = sorted(key for key in given if key.rpartition("/")[0] == belief.functor)
             if alike and belief.key not in given and not library.derives(belief.key):
-                yield rule, f"nothing in the program adds {belief.key}", f"it adds {', '.join(alike)}"
+                yield rule, f"nothing in the program adds {belief.key}", f"it adds {', '.join(alike)}", belief
 
 
 def _queried(condition: Condition) -> Iterator[Literal]:

@@ -190,7 +190,7 @@ class Engine:
     def compile_plans(self) -> None:
         """Compile all plans now instead of each at its first use. Goals of plans that no plan is for are logged."""
         self.library.compile()
-        for plan, what, remedy in goals_without_plans(self.library):
+        for plan, what, remedy, _ in goals_without_plans(self.library):
             log().warning("%s: %s: %s; %s", self.name, getattr(plan, "place", ""), what, remedy)
 
     # From any thread

@@ -98,9 +98,10 @@ class ParameterError(SocialbotError):
 
 
 class RuleError(SocialbotError):
-    """Invalid rule, belief, goal or action of an agent."""
+    """Invalid rule, belief, goal or action of an agent; ``line`` is that of the step in AgentSpeak text, or 0."""
 
     exit_code = 4
+    line: int = 0
 
 
 class PlanningError(SocialbotError):

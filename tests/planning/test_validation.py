@@ -250,7 +250,7 @@ def test_a_plan_without_times_is_validated_in_its_order() -> None:
     problem = read_problem("(define (problem x) (:domain d) (:goal (p a)))", domain)
     assert not validate_plan(domain, problem, parse_plan("(adds a)\n(reads a)"))
     (fault,) = validate_plan(domain, problem, parse_plan("(reads a)\n(adds a)"))
-    assert str(fault.condition) == "(p a)" and fault.time_s == 1.0
+    assert (str(fault.condition), fault.time_s) == ("(p a)", 1.0)
 
 
 @pytest.mark.parametrize(

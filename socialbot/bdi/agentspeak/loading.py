@@ -34,11 +34,11 @@ from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal, distinct, is_source
-from socialbot.bdi.plans import LEAVES, Inference, Origin, Plan, contents_of, parts_of, unbound_in
+from socialbot.bdi.plans import LEAVES, Inference, Origin, Plan, contents_of, nodes_of, parts_of, unbound_in
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.stdlib.actions import registered
 from socialbot.bdi.stdlib.registry import opened
-from socialbot.bdi.steps import Action, Do
+from socialbot.bdi.steps import Action, Do, Step
 from socialbot.bdi.terms import Call, Condition, Expression
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
@@ -226,13 +226,17 @@ def _check_names(plan: Plan, library: Library) -> None:
         if isinstance(term, Literal) and "." in term.functor and term.functor not in COLLECTORS:
             called(term, condition=True)
     for part in contents_of(plan).calls:
-        if isinstance(part, Plan):
-            _check_names(part, Library())
-        elif isinstance(part, Literal):
-            check_call = collected_goal if part.functor in COLLECTORS else called
-            check_call(part)
-        elif part.function != ".count":
-            function_of(part)
+        try:
+            if isinstance(part, Plan):
+                _check_names(part, Library())
+            elif isinstance(part, Literal):
+                check_call = collected_goal if part.functor in COLLECTORS else called
+                check_call(part)
+            elif part.function != ".count":
+                function_of(part)
+        except RuleError as problem:
+            problem.line = problem.line or _line_of(part, plan)
+            raise
 
 
 def _inner_plans(part: Any) -> Iterable[Plan]:
@@ -265,18 +269,18 @@ def warnings_of(program: Program) -> list[AgentSpeakError]:
     found = []
     library = library_of(program)
     doubts = (*goals_without_plans(library, program.goals), *beliefs_not_given(library, program.beliefs))
-    for item, what, remedy in doubts:
-        found.append(_placed(RuleError(what, remedy=remedy), item, program))
+    for item, what, remedy, literal in doubts:
+        found.append(_placed(RuleError(what, remedy=remedy), item, program, literal))
     for plan in program.plans:
         for condition in _conditions_as_actions(plan.body):
             what = f"{agentspeak(condition)} is a condition, which is no action"
             problem = RuleError(what, remedy=f"write ?({agentspeak(condition)})")
-            found.append(_placed(problem, plan, program))
+            found.append(_placed(problem, plan, program, condition))
     for item in (*program.inferences, *itertools.chain(*map(parts, program.plans))):
         for names, where in unbound_in(item):
             what = f"{names} has no value in {agentspeak(where)}"
             remedy = "give it one in the event or the context" if isinstance(item, Plan) else "give it one before"
-            found.append(_placed(RuleError(what, remedy=remedy), item, program))
+            found.append(_placed(RuleError(what, remedy=remedy), item, program, where))
     return sorted(found, key=lambda problem: (problem.line, problem.column))
 
 
@@ -309,8 +313,10 @@ def _collect_needs(part: Any, found: set[str]) -> None:
             _collect_needs(inner, found)
 
 
-def _placed(problem: SocialbotError, item: Plan | Inference | Literal, program: Program) -> AgentSpeakError:
-    """Add the text position to a plan or rule error: the token in question if known."""
+def _placed(
+    problem: SocialbotError, item: Plan | Inference | Literal, program: Program, part: object = None
+) -> AgentSpeakError:
+    """Add the text position to a plan or rule error: the step with a ``part``, and the token in question if known."""
     if isinstance(problem, AgentSpeakError):
         return problem
     if isinstance(item, Literal):
@@ -320,15 +326,25 @@ def _placed(problem: SocialbotError, item: Plan | Inference | Literal, program: 
     lines = text.split("\n")
     begin_ = sum(len(line) + 1 for line in lines[: origin.line - 1])
     begin_ = max(text.find(written, begin_), 0) if written else begin_
-    return Source(text, file).error_at(begin_ + _offset(problem.what, written), problem.what, problem.remedy)
+    line = (isinstance(problem, RuleError) and problem.line) or _line_of(part, item)
+    before = lines[: max(line, origin.line) - 1]
+    skipped = max(sum(map(len, before)) + len(before) - begin_, 0)
+    return Source(text, file).error_at(begin_ + _offset(problem.what, written, skipped), problem.what, problem.remedy)
 
 
-def _offset(what: str, written: str) -> int:
-    """Return the offset in a plan of the first name that an error message quotes."""
+def _line_of(part: object, item: Plan | Inference) -> int:
+    """Return the line of the innermost step of a plan that has a part; 0 if it is in no step."""
+    steps = [node for node in nodes_of(item) if isinstance(node, Step) and node.line]
+    return next((step.line for step in reversed(steps) if any(node is part for node in nodes_of(step))), 0)
+
+
+def _offset(what: str, written: str, skipped: int) -> int:
+    """Return the offset in a plan of the first name after ``skipped`` characters that an error message quotes."""
     written = bare(written)
+    skipped += len(written) - skipped - len(written[skipped:].lstrip())
     for word in _WORD.findall(what):
         if word[0] == "." or word[0].isupper() or f"function {word}" in what:
-            found = re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", written)
+            found = re.compile(rf"(?<![\w.]){re.escape(word)}(?!\w)").search(written, skipped)
             if found is not None:
                 return found.start()
-    return 0
+    return skipped

@@ -44,6 +44,7 @@ from socialbot.bdi.steps import (
     While,
 )  # fmt: skip
 from socialbot.bdi.terms import Condition, names_in
+from socialbot.core.errors import RuleError
 
 WORK = "ag.ready or ag.events or ag.inbox or ag.heap"
 """Expression that tests for work beside the running intention."""
@@ -149,6 +150,10 @@ class Body:
 
     def write_inline(self, f: Function, step: Step, *, last: bool, rest: Rest) -> None:
         """Emit a step of an inline body."""
+        with _placing_errors(step):
+            self._write_inline(f, step, last=last, rest=rest)
+
+    def _write_inline(self, f: Function, step: Step, *, last: bool, rest: Rest) -> None:
         if isinstance(step, Achieve) and not step.apart:
             assert last
             f.line(f"return {request(f, step, TAIL)}", step)
@@ -169,6 +174,10 @@ class Body:
 
         ``last`` marks the final step of the plan, ``closes`` that of a block; other intentions run after each block.
         """
+        with _placing_errors(step):
+            return self._write(f, step, last=last, closes=closes)
+
+    def _write(self, f: Function, step: Step, *, last: bool, closes: bool) -> bool:
         if isinstance(step, Achieve):
             kept = self.unit.library.keeps_goals and _key(step.goal) != _key(self.plan.event.literal)
             achieve(f, step, last=last and not self.plan.atomic and not kept)
@@ -273,6 +282,15 @@ class Body:
         for name in sorted(found):
             f.line(f"{f.local(name)} = {out}[{name!r}] if {name!r} in {out} else Var({name!r})")
             f.scope[name] = CELL
+
+
+@contextmanager
+def _placing_errors(step: Step) -> Iterator[None]:
+    try:
+        yield
+    except RuleError as problem:
+        problem.line = problem.line or step.line
+        raise
 
 
 @contextmanager

@@ -60,17 +60,23 @@ def called(action: Literal, *, condition: bool = False) -> Internal:
         return _missing(action.functor)
     if entry is None:
         near = difflib.get_close_matches(action.functor, internals(), 1)
+        own = f"one of your own has a library in its name, as my{action.functor}"
         raise RuleError(
             f"there is no internal action {action.functor}",
-            remedy=f"did you mean {near[0]}?" if near else "see docs/semantics.md",
+            remedy=f"did you mean {near[0]}? Otherwise, {own}" if near else own,
         )
     if condition and entry.pauses:
         raise RuleError(f"{action.functor} cannot be a condition", remedy="make it a step of the body")
     least, most = entry.arity
     if not least <= len(action.args) <= most:
         count = str(least) if least == most else f"{least} to {most}"
-        raise RuleError(f"{action.functor} takes {count} arguments", remedy="see docs/semantics.md")
+        raise RuleError(f"{action.functor} takes {count} arguments", remedy=usage(entry) or "see docs/semantics.md")
     return entry
+
+
+def usage(entry: Internal) -> str:
+    """Return what an internal action does, by its docstring."""
+    return " ".join((entry.function.__doc__ or "").split()).replace("``", "`")
 
 
 def looks_at_goals(names: Iterable[str]) -> bool:

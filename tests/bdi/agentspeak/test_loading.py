@@ -128,6 +128,48 @@ def test_warns_of_a_variable_without_a_value(text):
     assert warning.where == f"me.asl:{place}"
 
 
+@pytest.mark.parametrize("read", [check, lambda text, file: _refused(text, file)], ids=["check", "load"])
+@pytest.mark.parametrize(
+    ("step", "column"),
+    [(".nth(0, [a])", 4), ("if (b(X)) { .nth(0, [a]) }", 16), ("for (b(X)) { .nth(0, [a]) }", 17)],
+)
+def test_an_error_names_the_line_of_its_step(read, step: str, column: int) -> None:
+    (problem,) = read(f"+!g\n <- .nth(0, [a], X);\n   .print(X);\n   {step};\n   .nth(0, [a], Y).", "me.asl")
+    assert problem.where == f"me.asl:4:{column}"
+
+
+def _refused(text: str, file: str) -> list[AgentSpeakError]:
+    with pytest.raises(AgentSpeakError) as caught:
+        load(Engine("me", ManualClock()), text, file)
+    return [caught.value]
+
+
+@pytest.mark.parametrize(
+    ("step", "remedy"),
+    [
+        (".nth(0, [a])", "`.nth(I, L, X)`: X is the item"),
+        (".leng([a], N)", "did you mean .length? Otherwise, one of your own has a library in its name, as my.leng"),
+        (".zzz(1)", "one of your own has a library in its name, as my.zzz"),
+    ],
+)
+def test_a_wrong_internal_action_comes_with_its_usage(step: str, remedy: str) -> None:
+    (problem,) = check(f"+!g <- {step}.")
+    assert str(problem.remedy).startswith(remedy)
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        ("+!g(X) <-\n X > 2 & X < 5;\n  X > 2 | X == 1.", ["2:2", "3:3"]),
+        ("+!g <-\n .print(end);\n +a(Y);\n -+b(Y).", ["3:5", "4:6"]),
+        ("+!g <-\n !a;\n // !b\n if (true) {\n  !b\n }.", ["2:2", "5:3"]),
+    ],
+    ids=["condition", "variable", "goal"],
+)
+def test_a_warning_names_the_line_of_its_step(text: str, places: list[str]) -> None:
+    assert [warning.where for warning in warnings_of(parse(text, "me.asl"))] == [f"me.asl:{place}" for place in places]
+
+
 @pytest.mark.parametrize("step", ["+b(Y + 1)", "X = Y + 1", "Y + 1 > 1", "?b(Y + 1)"])
 def test_a_step_with_a_variable_without_a_value_fails(step):
     engine, lines = Engine("me", ManualClock()), []
