@@ -26,12 +26,14 @@ from evaluation.report import JsonOption, QuickOption, Report, run
 from socialbot.core.errors import ParameterError
 from socialbot.runs.asking import Answer, answer
 from socialbot.runs.asking._topics import arguments_of
+from socialbot.runs.asking._words import tokens
+from socialbot.runs.asking.languages import lexicon
 from socialbot.runs.folder import RecordedRun, open_run
 
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_30", "new_wordings_32")
+SEALED: tuple[str, ...] = ("new_wordings_31", "new_wordings_33")
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
@@ -57,10 +59,12 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
     names = {_plain(claim.what[0]) for claim in claims if claim.kind == "not_named"}
+    meant = {meaning for name in names for meaning in lexicon.meanings((name,), found.language)}
+    names |= {word for word in tokens(rest) if meant & lexicon.meanings((word,))}  # "Kaffee" is coffee
     if kind == "unknown":
         return not found.known or bool(names)
     if kind == "unsaid":
-        return any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
+        return any(_plain(word) in names for word in tokens(rest)) or any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
     if kind in ("heard", "failed"):
         return any(claim.kind == ("heard" if kind == "heard" else "nothing_failed") for claim in claims)
     if kind == "idle":

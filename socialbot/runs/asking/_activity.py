@@ -15,6 +15,8 @@ from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
 from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.why import call_of
 
+_WANTED = {"desire", "goal"}
+
 
 def said(scope: Scope) -> Told | None:
     deeds = [each for each in scope.subjects.deeds if scope.subjects.words_said(each)]
@@ -173,6 +175,11 @@ def ahead(scope: Scope) -> Told | None:
         for goal in (*mind.desires, *mind.goals)
         if not scope.facts.has_failed(goal.id, stamp)
     ][:MOST_NAMED]
+    question = scope.question
+    if not wanted and question.is_past and question.at_s is None and question.event is None:
+        had = _had_wanted(scope)  # "What was your goal?"
+        if had:
+            return scope.joined(had), had
     nothing = scope.speech.about(scope.agent, scope.speech.say("nothing_next"))
     clauses = wanted or [Clause(nothing, (), Claim("nothing_wanted", scope.only_agent(), at_s=seconds))]
     told = scope.speech.then(seconds, scope.joined(clauses))
@@ -182,6 +189,21 @@ def ahead(scope: Scope) -> Told | None:
     done = scope.speech.did(later, scope.subjects.topic_of(later), at=False)
     following = scope.speech.say("next_was", when=_when_done(scope, later), clause=done.text)
     return f"{told}; {following}", [*clauses, done]
+
+
+def _had_wanted(scope: Scope) -> list[Clause]:
+    """Return the last desires and goals that served no other one, each with the time of its adoption."""
+    adopted = [each for each in scope.history if each.kind in _WANTED and scope.agent in ("", each.source)]
+    adopted = [each for each in scope.in_time(adopted) if each.stamp <= scope.now]
+    own = [each for each in adopted if not any(one.kind in _WANTED for one in scope.history.before(each))]
+    clauses = []
+    for each in own[-MOST_NAMED:]:
+        text = scope.speech.about(each.source, scope.speech.say("wanted", what=each.what))
+        seconds = scope.history.seconds(each.stamp)
+        clauses.append(
+            scope.speech.at(Clause(text, (each.id,), Claim("wanted", each.source, (each.what,), seconds)), seconds)
+        )
+    return clauses
 
 
 def _idle_in(scope: Scope, span_s: tuple[float, float]) -> Told:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from weakref import WeakKeyDictionary
@@ -25,7 +26,7 @@ from socialbot.runs.asking._scope import NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._whether import Whether
-from socialbot.runs.asking._words import tokens
+from socialbot.runs.asking._words import folded, tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
@@ -95,14 +96,18 @@ def answer(
         back = asking_back([each.question for each in options])
         told = msgspec.structs.replace(told, text=back, options=tuple(options))
     elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
-        told = _without_record(told, names[:_MOST_UNRECORDED])
+        told = _without_record(told, names[:_MOST_UNRECORDED], text)
     return msgspec.structs.replace(told, confidence=confidence)
 
 
-def _without_record(refused: Answer, names: Sequence[str]) -> Answer:
-    """Return the refusal of a question with the names in it that no record has."""
+def _without_record(refused: Answer, names: Sequence[str], text: str) -> Answer:
+    """Return the refusal of a question with the names in it that no record has, as they were written."""
+    written = {folded(one): one for one in re.findall(r"\w+", text)}
     sentences = LANGUAGES[refused.language].sentences
-    clauses = [Clause(sentences["not_named"].format(word=one), (), Claim("not_named", what=(one,))) for one in names]
+    clauses = [
+        Clause(sentences["not_named"].format(word=written.get(one, one)), (), Claim("not_named", what=(one,)))
+        for one in names
+    ]
     told = f" {sentences['and']} ".join(each.text for each in clauses)
     told, unclear = f"{told[:1].upper()}{told[1:]}", sentences["unclear"]
     is_unclear = f" {unclear}." in refused.text
@@ -173,9 +178,7 @@ class _Answering(Whether):
         if not len(self.history):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.kind is None:
-            is_asked = question.verb in tokens(text) and question.verb not in LANGUAGES[question.language].known_words
-            why = self.speech.say("no_deed", word=question.verb) if is_asked else self.speech.say("unclear")
-            return self._unknown(text, why, understood=False)
+            return self._unknown(text, self.speech.say("unclear"), understood=False)
         asked_s = question.at_s if question.span_s is None else question.span_s[0]
         if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))

@@ -10,7 +10,7 @@ from socialbot.runs.asking._facts import Facts, Held, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, goal_of
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
-from socialbot.runs.why import explain, head_of
+from socialbot.runs.why import call_of, explain, head_of
 
 _OWN = {"plan", "goal", "action", "step", "utterance"}
 """Records of a chain of causes that only repeat the deed."""
@@ -169,9 +169,10 @@ def reasons_against(
     """
     facts, history = speech.facts, subjects.history
     begin, end = history.stamp(span[0]), history.stamp(span[1])
-    plans = _plans_of(subjects, topic)
+    plans = plans_of(subjects, topic)
     at = _moment(facts, persons, begin, end) if at_s is None else history.stamp(at_s)
-    entries = [name for plan in plans if (name := _belief_event(plan))]
+    events = {call_of(each).partition("(")[0] for each in history if each.kind == "event"}
+    entries = [name for plan in plans if (name := _belief_event(plan)) and name not in events]
     for person in persons or [""]:
         missing = [
             name for name in entries if not any(each.within(begin, end) for each in facts.held(name, person, agent))
@@ -204,10 +205,10 @@ def _moment(facts: Facts, persons: Sequence[str], begin: int, end: int) -> int:
     return min(end, (last.end.stamp - 1) if last.end is not None else end)
 
 
-def _plans_of(subjects: Subjects, topic: Topic) -> list[str]:
+def plans_of(subjects: Subjects, topic: Topic) -> list[str]:
     """Return the plans that do a deed, and those that adopt their goals, in order."""
-    names = {call.partition("(")[0] for call in topic.calls}
-    calls = set(topic.calls)
+    names = {call for call in topic.calls if "(" not in call}
+    calls = {call.removesuffix(")") for call in topic.calls if "(" in call}
     found: list[str] = []
     grew = True
     while grew:

@@ -78,7 +78,7 @@ _ASKED = {
     "dicho",
 }  # fmt: skip
 """Verbs of asking and telling in the past tense, or with an auxiliary."""
-_TELLS = {"did", "have", "hast", "habt", "as", "avez", "has", "dijiste", "contaste", "explicaste"}
+TELLS = {"did", "have", "hast", "habt", "as", "avez", "has", "dijiste", "contaste", "explicaste"}
 """Words that ask whether the robot told something."""
 _ASIDE = 4
 """Most words from such a verb to the indirect question."""
@@ -100,6 +100,7 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
         return [words[0], "i", *words[4:]]  # "Did you hear me say ...?"
     asking = [one for name in INTERROGATIVES for one in language.phrases[name] if one[0] not in _INDEFINITE]
     thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    people = {one[0] for name in ("people", "them") for one in language.phrases[name]} | {"t"}
     for place, word in enumerate(words):
         before = words[:place]
         is_event = (word,) in language.phrases["event when"] and (words[0],) in language.phrases["past"]
@@ -107,8 +108,8 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
         # "Quote what you said": a verb in front of an interrogative asks, too.
         asks = thinking.intersection(before) or (place == 1 and before[0] not in language.known_words)
         is_where = any(_is_at(phrase, words, place) for phrase in language.phrases["where"])
-        if is_where and _TELLS.intersection(before[:2]):
-            continue  # "Did you tell me where ...?" asks what was told
+        if TELLS.intersection(before[:2]) and (is_where or people.intersection(before[2:])):
+            continue  # "Did you tell me where ...?" and "Did you tell t1 why ...?" ask what was told
         if place and is_asking and not is_event and asks:
             return list(words[place:])
         for phrase in language.phrases["complement"]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._references import Reading
-from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, likeness, name_tokens, similarity, stem, tokens
-from socialbot.runs.asking.languages import INTERROGATIVES
+from socialbot.runs.asking._topics import SAYING, Phrase, Subjects, Topic, arguments_of
+from socialbot.runs.asking._words import ALIKE, FORM, likeness, name_tokens, similarity, stem, tokens
+from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, lexicon
 from socialbot.runs.asking.languages.lexicon import Meaning, Named, done_by, found_in, meanings, named_meanings
 
 Evidence = Mapping[str, float]
@@ -77,6 +77,8 @@ def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], sta
     asking = sorted(place for name in INTERROGATIVES for place in reading.places(name))
     free |= {place for place in asking[1:] if len(reading.words[place]) > _LONGEST_ASKING}
     soft = {place for name in _SOFT for place in reading.places(name)}
+    own = {phrase[0] for topic in subjects.topics for phrase in topic.loose if len(phrase) == 1} - SAYING
+    free |= {place for place in reading.places("say") if reading.words[place] in own}  # an action "answer"
     meant = found_in(reading.words, reading.language.code)
     found = [
         each
@@ -124,7 +126,7 @@ def _named(
     *,
     opposite: bool,
 ) -> NamedDeed | None:
-    code, words = reading.language.code, reading.words
+    code, words, known = reading.language.code, reading.words, lexicon.words(reading.language.code)
     evidence: dict[str, float] = {}
     places: dict[str, tuple[int, ...]] = {}
 
@@ -132,8 +134,14 @@ def _named(
         if at and alike > evidence.get(kind, 0.0):
             evidence[kind], places[kind] = alike, tuple(at)
 
+    def resembles(at: int, word: str) -> bool:
+        """Return whether a word may be meant by one that is mistyped or misheard."""
+        return similarity(words[at], word) >= (FORM if words[at] in known else ALIKE)
+
     def occurs(phrase: Phrase, most_between: int) -> tuple[float, tuple[int, ...]]:
         alike, at = likeness(phrase, words, most_between)
+        if alike < FORM and any(words[n] in known for n in at):
+            return 0.0, ()  # "décharger" is another verb than "charger"
         is_named = bool(at) and bool(set(at) & free or len(at) > 1) and _is_whole(phrase, at, words, free, soft)
         return (alike, at) if is_named else (0.0, ())
 
@@ -148,7 +156,10 @@ def _named(
         found = {place for at in places.values() for place in at}
         return NamedDeed(topic, evidence, frozenset(found)) if found else None
     for phrase in topic.loose:
-        note("name" if phrase in topic.named_by_argument else "loose", *_loosely(phrase, words, free, soft))
+        note(
+            "name" if phrase in topic.named_by_argument else "loose",
+            *_loosely(phrase, words, free, soft, ALIKE if code == ENGLISH.code else FORM),
+        )
     kind, alike = _meanings_of(topic)
     for each in meant:
         if each.meaning in alike and _is_whole(each.phrase, each.places, words, free, soft):
@@ -166,7 +177,7 @@ def _named(
         return None
     found = {place for at in places.values() for place in at}
     of_deed = {word for phrase in (*topic.words.get(code, ()), *topic.loose) for word in phrase}
-    found |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in of_deed)}
+    found |= {at for at in free if any(resembles(at, word) for word in of_deed)}
     return NamedDeed(topic, evidence, frozenset(found))
 
 
@@ -210,13 +221,15 @@ def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free:
     )
 
 
-def _loosely(phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int]) -> tuple[float, tuple[int, ...]]:
+def _loosely(
+    phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int], least: float
+) -> tuple[float, tuple[int, ...]]:
     """Return how well words name a deed by its phrase, whose first word counts most, and their places."""
     found: list[int] = []
     total = 0.0
     for n, wanted in enumerate(phrase):
         share = 1.0 if len(phrase) == 1 else _VERB if n == 0 else (1.0 - _VERB) / (len(phrase) - 1)
-        places = [at for at in free | soft if similarity(words[at], wanted) >= (ALIKE if at in free else 0.95)]
+        places = [at for at in free | soft if similarity(words[at], wanted) >= (least if at in free else 0.95)]
         place = max(places, key=lambda at: (similarity(words[at], wanted), -at), default=None)
         if place is not None:
             total += share * similarity(words[place], wanted)

@@ -15,6 +15,7 @@ from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import (
+    TELLS,
     Parts,
     Relation,
     without_between,
@@ -105,7 +106,8 @@ _EVENTS = {
 _CONJUNCTIONS = {"that", "if", "whether"}
 _CAPITAL = re.compile(r"([^\W\d_]+) (?=([A-Z\u00c0-\u00de]\w+))")
 """Word before one with a capital letter; one behind a comma may address the robot."""
-_GREETINGS = {"hey", "hi", "hello", "dear", "ok", "okay", "hallo", "lieber", "bonjour", "salut", "cher", "hola"}
+_GREETINGS = {"hey", "hi", "hello", "hallo", "bonjour", "salut", "hola"}
+_BEFORE_ROBOT = _GREETINGS | {"dear", "ok", "okay", "lieber", "cher"}
 """Words before the name of the robot."""
 _BEFORE_GERMAN_NOUN = re.compile(
     r"[a-z\u00e4\u00f6\u00fc]+e[nmrs]?|d[ae]s|a[mn]|auf|aus|beim|durch|i[mns]+|mit|nach|um|vo[mnr]|zu[mr]|k?ein"
@@ -320,7 +322,7 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
 def _names_in(text: str, languages: Sequence[str], subjects: Subjects) -> set[str]:
     """Return words with a capital letter inside a sentence that nothing has: names, beside nouns in German."""
     found = [(before, word) for before, name in _CAPITAL.findall(text) for word in tokens(name)]
-    found = [(before, word) for before, word in found if before.lower() not in _GREETINGS]
+    found = [(before, word) for before, word in found if before.lower() not in _BEFORE_ROBOT]
     if not found or 2 * len(found) >= len(text.split()):
         return set()  # a title has many
     if "de" in languages:
@@ -550,6 +552,11 @@ def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Foun
             things[name] = reading.words[place - 1] if place else ""
             reading.found.setdefault("thing", []).append((1.0, (place,)))
             reading.taken.add(place)
+    kinds = {stem(kind) for kind in subjects.kinds if len(kind) > 1}
+    for place in reading.free():  # "Did you drop a box?" says what kind of thing it is.
+        if stem(reading.words[place]) in kinds and not "".join(reading.words[place + 1 : place + 2]).isdigit():
+            reading.found.setdefault("kind", []).append((1.0, (place,)))
+            reading.taken.add(place)
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
@@ -738,8 +745,6 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
         text: The question as it was written, with its capital letters.
     """
     reading, words, verb = found.reading, found.reading.words, found.question.verb
-    if verb and not subjects.is_recorded(verb, reading.language.code):
-        return []  # The refusal names the verb.
     names = {word for _, name in _CAPITAL.findall(text) for word in tokens(name)}
     articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
     # "Ann" resembles "any", but is a name. German nouns have capital letters, too.
@@ -757,7 +762,9 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
     return numbered + [
         word
         for word in dict.fromkeys(words)
-        if word in named and not subjects.is_recorded(word, reading.language.code) and word not in NUMBER_WORDS
+        if (word in named or word == verb)
+        and not subjects.is_recorded(word, reading.language.code)
+        and word not in NUMBER_WORDS
     ]
 
 
@@ -785,7 +792,8 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
     """Return the kinds of questions that the interrogatives of a clause may ask."""
     reading = found.reading
     classes = [name for name in _ASKED if reading.has(name)]
-    if classes == ["where"] and reading.has("say") and min(reading.places("say")) < min(reading.places("where")):
+    told = min([*reading.places("say"), *(deed.places if deed is not None else ())], default=len(reading.words))
+    if reading.words[0] in TELLS and classes and told < min(min(reading.places(name)) for name in classes):
         classes = []  # "Did you tell me where the library is?"
     if "why" not in classes:  # behind another one, "when" and "who" begin a subordinate clause
         classes.sort(key=lambda name: (name in ("what", "who", "when"), min(reading.places(name))))
@@ -970,9 +978,10 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
         begin += 1  # "ask someone to ...", "ask for a badge"
     vague = {
         one[0] for name in ("filler", "what", "me", "you") for one in reading.language.phrases[name] if len(one) == 1
-    }
+    } - _GREETINGS
     told = tuple(words[begin:end])
-    if vague.issuperset(told) or (not subjects.is_quoted(told) and reading.taken.issuperset(range(begin, end))):
+    is_known = subjects.is_quoted(told) or not _GREETINGS.isdisjoint(told)  # "say hello"
+    if vague.issuperset(told) or (not is_known and reading.taken.issuperset(range(begin, end))):
         return (), set()  # "speak with t3", "say anything"
     return told, set(range(begin, end))
 

@@ -63,7 +63,7 @@ _UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
 """Words of a quotation in other words: ``ask for the door to be closed``."""
 _ROBOT = {"robot", "roboter"}
 _SHORTEST_BEGIN = 2
-_SAYING = {"say", "speak", "tell", "utter", "announce"}
+SAYING = {"say", "speak", "tell", "utter", "announce"}
 _WORD = re.compile(r"\w+")
 _PLURAL = {"", "s", "es", "n", "en", "e"}
 """Endings of names."""
@@ -109,7 +109,7 @@ class Topic:
     @property
     def is_saying(self) -> bool:
         """Whether the deed is to say words that its name has: ``say("Come in")``."""
-        return bool(_SAYING.intersection(name_tokens(_name(self.name)))) and "(" in self.name
+        return bool(SAYING.intersection(name_tokens(_name(self.name)))) and "(" in self.name
 
     @property
     def named_by_argument(self) -> Set[Phrase]:
@@ -305,9 +305,7 @@ class Subjects:
                     continue
                 apart = text is not None and text[1] not in self.persons and text[1] not in self.agents
                 calls.setdefault(f'{found[1]}("{text[1]}")' if apart and text else found[1], call)
-        apart = Counter(
-            name for key in calls if (name := _call_name(key)) != key and not _SAYING & {*name_tokens(name)}
-        )
+        apart = Counter(name for key in calls if (name := _call_name(key)) != key and not SAYING & {*name_tokens(name)})
         for name in (one for one, count in apart.items() if count > 1):
             calls.setdefault(name, name)  # "How many badges did you check?" is about check("Ann") and check("Bob")
         common = self._common_words(calls)
@@ -436,7 +434,7 @@ class Subjects:
         """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""
         if record.kind == "utterance":
             return record.what
-        named = record.kind == "action" and _SAYING & set(name_tokens(_name(record.what)))
+        named = record.kind == "action" and SAYING & set(name_tokens(_name(record.what)))
         texts = re.findall(r'"([^"]*)"', record.what) if named else ()
         return " ".join(text for text in texts if text not in self.agents)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import msgspec
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._causes import reasons_against
+from socialbot.runs.asking._causes import plans_of, reasons_against
 from socialbot.runs.asking._facts import record_agent
 from socialbot.runs.asking._people import count_people, has_frames
 from socialbot.runs.asking._questions import Question
@@ -308,6 +308,8 @@ class Whether(Scope):
         kinds = {kind_of_name(one) for each in done for one in (*arguments_of(each.what), each.source)}
         if done and not kinds.issuperset(kind for one in things if (kind := kind_of_name(one)) != one):
             return None
+        if self.question.thing_kind and by_agent:
+            return None  # It was done, perhaps to things of another kind.
         return self._undone()
 
     def _undone(self) -> Told:
@@ -324,11 +326,26 @@ class Whether(Scope):
         if earlier:
             done = self.speech.did(earlier[-1], topic)
             return f"{undone.text}{self.speech.say('because')} {done.text}", [undone, done]
-        because = reasons_against(self.speech, self.subjects, topic, self.persons, agent, span, self.question.at_s)
+        because = self._prevented(topic, span) or reasons_against(
+            self.speech, self.subjects, topic, self.persons, agent, span, self.question.at_s
+        )
         if not because:
             instead = self._instead(topic)
             return "; ".join(each.text for each in (undone, *instead)), [undone, *instead]
         return f"{undone.text}{self.speech.say('because')} {self.joined(because)}", [undone, *because]
+
+    def _prevented(self, topic: Topic, span: tuple[float, float]) -> list[Clause]:
+        """Return the last failure of a plan that would have done the deed to the people and things in question."""
+        rules, things = {*plans_of(self.subjects, topic)}, {*self.question.things}
+        for failure in reversed(self.facts.failures):
+            chain = list(self.history.before(failure))
+            is_meant = span[0] <= self.history.seconds(failure.stamp) <= span[1] and self.agent in ("", failure.source)
+            is_meant = is_meant and things <= self.things_behind(failure)
+            concerned = {one for each in (failure, *chain) for one in self.facts.concerned(each)}
+            is_meant = is_meant and concerned.issuperset(self.persons)
+            if is_meant and any(each.kind == "plan" and each.detail.get("rule") in rules for each in chain):
+                return [self.speech.failed(failure)]
+        return []
 
     def _instead(self, topic: Topic) -> list[Clause]:
         """Return the last deed of the same kind with one of the things in question."""

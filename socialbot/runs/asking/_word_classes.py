@@ -37,7 +37,7 @@ _ONLY_EXACT = {
     "longest",
     "shortest",
 }
-_IMPERATIVES = {"name", "list", "count"}
+_IMPERATIVES = {"name", "list", "count", "explain"}
 _ASKING = {"can", "could", "would", "will"}
 """Auxiliaries in front of an imperative: ``Can you name the visitors?``."""
 _TENSES = {"past", "present", "future"}
@@ -136,13 +136,13 @@ def _drop_relatives(reading: Reading) -> None:
 
 
 def _drop_nouns(reading: Reading) -> None:
-    """Drop imperatives that are nouns behind another interrogative or an auxiliary: ``What is the name of t1?``."""
+    """Drop imperatives that are none behind another interrogative or an auxiliary: ``What is the name of t1?``."""
     asking = {places[0] for name in INTERROGATIVES for _, places in reading.found.get(name, ())}
     auxiliaries = {n for n, word in enumerate(reading.words) if word in reading.language.auxiliaries}
     first = min(asking | auxiliaries, default=0)
     if reading.words[first] in _ASKING:
         return
-    for name in ("who", "how_many"):
+    for name in ("who", "how_many", "why"):
         found = reading.found.get(name, ())
         nouns = [each for each in found if len(each[1]) == 1 and each[1][0] > first
                  and reading.words[each[1][0]] in _IMPERATIVES]  # fmt: skip

@@ -39,7 +39,7 @@ ENGLISH = Language(
         ),
         "who": (
             "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
-            "which agent,which robot,which machine,which of them,which one,which guest,which guests"
+            "which agent,which robot,which machine,which of them,which one,which guest,which guests,whose"
         ),
         "when": (
             f"when,{_TIMES},until when,till when,from when,by when,how far into,how far in,"
@@ -54,7 +54,7 @@ ENGLISH = Language(
             "total number,what number"
         ),
         "unanswerable": (
-            "how much,how old,which colour,which color,what colour,what color,whose,how tall,how do,how did,how are,"
+            "how much,how old,which colour,which color,what colour,what color,how tall,how do,how did,how are,"
             "how can,how was,how is,how will,how big,what is your name,how,who owns,who owned,who does it belong,"
             "who belongs,belong to"
         ),
@@ -203,7 +203,8 @@ ENGLISH = Language(
             "a lady,a kid,women,men,children,kids,in english,in german,in french,in spanish"
         ),
         "filler": (
-            "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"
+            "excuse me,pardon me,passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,"
+            "trace,footage,output,"
             "decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
             "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
             "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,"
@@ -251,7 +252,6 @@ ENGLISH = Language(
         "no": "No",
         "unknown": "I don't know",
         "unclear": "I am not sure what you ask",
-        "no_deed": 'I do not know "{word}" as a deed',
         "able": (
             "I can tell why I did something or left it undone, what I saw, said, did and intended, and "
             "who was here when"

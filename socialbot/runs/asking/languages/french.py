@@ -17,7 +17,7 @@ FRENCH = Language(
             "que,quoi,qu est ce que,qu est ce qu,qu,quelque chose,decris,quelle,quel,comment as tu reagi,"
             "comment avez vous reagi"
         ),
-        "who": "qui,quelles personnes,quels visiteurs,quelle personne,quel robot,quel agent,qui est ce que",
+        "who": "qui,quelles personnes,quels visiteurs,quelle personne,quel robot,quel agent,qui est ce que,de qui",
         "when": "quand,a quelle heure,a quel moment,depuis quand",
         "how_often": "combien de fois,a quelle frequence",
         "how_many": "combien de,combien,nombre de",
@@ -128,7 +128,8 @@ FRENCH = Language(
             "hommes,enfants,en francais,en anglais"
         ),
         "filler": (
-            "recu,recois,obtenu,moment,euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
+            "a propos de,a propos d,au sujet de,au sujet d,excuse moi,excusez moi,pardon,recu,recois,obtenu,moment,"
+            "euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"
@@ -155,7 +156,6 @@ FRENCH = Language(
         "no": "Non",
         "unknown": "Je ne sais pas",
         "unclear": "Je ne suis pas sûr de comprendre la question",
-        "no_deed": "je ne connais pas « {word} » comme action",
         "able": (
             "Je peux dire pourquoi j'ai fait quelque chose ou non, ce que j'ai vu, dit, fait et prévu, "
             "et qui était là et quand"

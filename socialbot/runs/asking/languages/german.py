@@ -17,12 +17,15 @@ GERMAN = Language(
             "was,irgendwas,etwas,beschreibe,wie hast du reagiert,wie hast du dich verhalten,was ist mit,"
             "erzahl mir von,welcher,welches,welchen,welche,welchem"
         ),
-        "who": "wer,wen,wem,welche leute,welche person,welche personen,welche besucher,welcher roboter,welcher agent",
+        "who": (
+            "wer,wen,wem,wessen,welche leute,welche person,welche personen,welche besucher,welcher roboter,"
+            "welcher agent"
+        ),
         "when": "wann,um welche zeit,zu welcher zeit,zu welchem zeitpunkt,seit wann",
         "how_often": "wie oft,wie haufig,wie viele male,wieviele male,wie viel mal,wie viele mal",
         "how_many": "wie viele,wieviele,wie viel,anzahl,wie vielen,wie vieler,wieviel",
         "unanswerable": (
-            "wie alt,welche farbe,wessen,wie heisst,wie schnell,wie gross,wie,wem gehort,wem gehoren,wem gehorte,gehort"
+            "wie alt,welche farbe,wie heisst,wie schnell,wie gross,wie,wem gehort,wem gehoren,wem gehorte,gehort"
         ),
         "not": "nicht,nie,niemals,kein,keine,keinen,keiner,vergessen,versaumt,unterlassen",
         "see": (
@@ -131,7 +134,8 @@ GERMAN = Language(
             "manner,kinder,auf deutsch,auf englisch"
         ),
         "filler": (
-            "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,"
+            "entschuldigung,entschuldige,entschuldigen sie,verzeihung,bezuglich,ah,ahm,gab,gibt,bekam,bekommen,"
+            "bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,"
             "also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,stattgefunden,eigentlich,genau,"
             "ausgerechnet,moment,zeitpunkt,fall,bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,"
             "konntest du mir sagen,weisst du,ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,"
@@ -163,7 +167,6 @@ GERMAN = Language(
         "no": "Nein",
         "unknown": "Das weiß ich nicht",
         "unclear": "Ich verstehe die Frage nicht sicher",
-        "no_deed": '"{word}" kenne ich nicht als Tat',
         "able": (
             "Ich kann sagen, warum ich etwas tat oder ließ, was ich sah, sagte, tat und vorhatte, und wer wann hier war"
         ),

@@ -13,11 +13,11 @@ SPANISH = Language(
             "que te hizo pensar,con que motivo,debido a que"
         ),
         "what": "que,que cosa,algo,describe,cual,como reaccionaste",
-        "who": "quien,quienes,a quien,a quienes,que personas,que persona,que visitantes,que robot,que agente",
+        "who": "quien,quienes,a quien,a quienes,que personas,que persona,que visitantes,que robot,que agente,de quien",
         "when": "cuando,a que hora,en que momento,desde cuando",
         "how_often": "cuantas veces,con que frecuencia,cada cuanto",
         "how_many": "cuantas,cuantos,cuanta,numero de",
-        "unanswerable": "que edad,que color,de quien,como,cuanto,a quien pertenece,pertenece,de quien es",
+        "unanswerable": "que edad,que color,como,cuanto,a quien pertenece,pertenece,de quien es",
         "not": "no,nunca,jamas,ningun,ninguna,tampoco,sin,olvidaste",
         "see": (
             "ves,viste,ver,visto,veias,miras,notas,notaste,delante de ti,visible,observas,observaste,camara,ve,vio,"
@@ -120,7 +120,8 @@ SPANISH = Language(
             "hombres,ninos,en espanol,en ingles"
         ),
         "filler": (
-            "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,por favor,hola,oye,dime,puedes decirme,"
+            "disculpa,disculpe,perdon,perdona,perdone,a proposito de,acerca de,respecto a,recibio,obtuvo,momento,eh,"
+            "pues,hoy,bueno,este,oiga,por favor,hola,oye,dime,puedes decirme,"
             "podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,del,a,al,y,en,con,lo,le,se,es,que,para,"
             "su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,realmente,simplemente,juntos,"
             "necesitaba,fue,ultimo que,entretanto,lugar,equipo,robots"
@@ -148,7 +149,6 @@ SPANISH = Language(
         "no": "No",
         "unknown": "No lo sé",
         "unclear": "No estoy seguro de entender la pregunta",
-        "no_deed": "no conozco «{word}» como acción",
         "able": (
             "Puedo decir por qué hice o no hice algo, qué vi, dije, hice y pensaba hacer, y quién estuvo aquí y cuándo"
         ),
