@@ -64,7 +64,9 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "unknown":
         return not found.known or bool(names)
     if kind == "unsaid":
-        return any(_plain(word) in names for word in tokens(rest)) or any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
+        return any(_plain(word) in names for word in tokens(rest)) or any(
+            claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims
+        )
     if kind in ("heard", "failed"):
         return any(claim.kind == ("heard" if kind == "heard" else "nothing_failed") for claim in claims)
     if kind == "idle":

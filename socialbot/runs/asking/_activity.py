@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import near
-from socialbot.runs.asking._questions import NEAR_S
+from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.asking._words import name_tokens, stem, tokens

@@ -20,11 +20,13 @@ from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import seen, stay, visitors
-from socialbot.runs.asking._questions import NEAR_S, Question, candidates, unrecorded, with_time
+from socialbot.runs.asking._question import NEAR_S, Question, with_time
+from socialbot.runs.asking._questions import candidates
 from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._scope import NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._unrecorded import unrecorded
 from socialbot.runs.asking._whether import Whether
 from socialbot.runs.asking._words import folded, tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language

@@ -8,7 +8,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Held, near
 from socialbot.runs.asking._named_beliefs import tells_place
 from socialbot.runs.asking._people import whereabouts
-from socialbot.runs.asking._questions import NEAR_S
+from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
 from socialbot.runs.asking._topics import arguments_of

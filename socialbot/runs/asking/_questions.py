@@ -7,13 +7,9 @@ weights of `_ranking` say which one is most likely.
 
 from __future__ import annotations
 
-import itertools
-import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
-from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import (
     TELLS,
     Parts,
@@ -21,50 +17,31 @@ from socialbot.runs.asking._clauses import (
     without_between,
     without_contrast,
     without_event,
-    without_matrix,
     without_report,
 )
 from socialbot.runs.asking._doer import is_done_by_people
-from socialbot.runs.asking._main_verb import PARTICLES, clause_verb
+from socialbot.runs.asking._found import (
+    GREETINGS,
+    INDEFINITE,
+    NAMED,
+    Found,
+    known_words,
+    names_in,
+    parts_of,
+    prepared,
+)
+from socialbot.runs.asking._main_verb import PARTICLES
 from socialbot.runs.asking._named_beliefs import asked_beliefs
-from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of, named_deeds
-from socialbot.runs.asking._references import (
-    PersonReference,
-    Quantity,
-    Reading,
-    digits_after_names,
-    take_names,
-    take_ordinal,
-    take_person,
-    take_quantity,
-    take_span,
-    take_time,
-)
+from socialbot.runs.asking._named_deeds import NamedDeed
+from socialbot.runs.asking._question import Event, Kind, Question
+from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name
-from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._word_classes import (
-    classify,
-    guess_interrogative,
-    places_of_class,
-    tells,
-    tells_exactly,
-    words_of_deeds,
-)
-from socialbot.runs.asking._words import FORM, NUMBER_WORDS, occurrences, quoted_tokens, stem, tokens
+from socialbot.runs.asking._unrecorded import has_other_object, names_without_records
+from socialbot.runs.asking._word_classes import tells, tells_exactly
+from socialbot.runs.asking._words import quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
 
-Kind = Literal[
-    "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed",
-    "believed", "ended", "where",
-]  # fmt: skip
-
-VERBS = (
-    *INTERROGATIVES, "see", "say", "do", "happen", "next", "plan", "here", "not", "longest", "silent", "waits",
-)  # fmt: skip
-"""Classes of words that say what somebody does."""
-NEAR_S = 2.0
-"""Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
 _OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed", "where")
@@ -103,20 +80,6 @@ _EVENTS = {
     for one in language.phrases[f"event {name}"]
 }
 """Words that begin a clause about the time."""
-_CONJUNCTIONS = {"that", "if", "whether"}
-_CAPITAL = re.compile(r"([^\W\d_]+) (?=([A-Z\u00c0-\u00de]\w+))")
-"""Word before one with a capital letter; one behind a comma may address the robot."""
-_GREETINGS = {"hey", "hi", "hello", "hallo", "bonjour", "salut", "hola"}
-_BEFORE_ROBOT = _GREETINGS | {"dear", "ok", "okay", "lieber", "cher"}
-"""Words before the name of the robot."""
-_BEFORE_GERMAN_NOUN = re.compile(
-    r"[a-z\u00e4\u00f6\u00fc]+e[nmrs]?|d[ae]s|a[mn]|auf|aus|beim|durch|i[mns]+|mit|nach|um|vo[mnr]|zu[mr]|k?ein"
-)
-"""Lower-case word that a German noun may follow, beside its name."""
-_SHORT_NAME = 5
-"""Length from which on a word with a capital letter may be an inflected one."""
-_NAMED = 0.85
-"""Least fit of a deed in a subordinate clause."""
 _BESIDE_SAID = {
     "for", "about", "a", "an", "the", "my", "to", "see", "have", "get", "uber", "von", "nach", "um", "dem", "den",
     "der", "die", "das", "ein", "eine", "einen", "einem", "du", "de", "des", "sur", "le", "la", "les", "l", "un", "une",
@@ -127,153 +90,16 @@ _BEFORE_REQUEST = {"que", "qu", "de", "d"}
 """French and Spanish words between a verb of saying and what was said: ``pediste que cerraran la puerta``."""
 _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
 _ARTICLES = {"the", "a", "an"}
-_TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
-"""Prepositions with an article."""
-_POSSESSIVE = {
-    "its", "your", "his", "their", "sein", "seine", "seinen", "dein", "deine", "deinen", "sa", "son", "ton", "ta", "su",
-    "tu",
-}  # fmt: skip
-"""Possessive determiners before a thing."""
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
-_PASSING = {"in", "by", "past", "off", "away", "out", "along", "through"}
-"""Particles of verbs of coming and leaving: ``stroll in``."""
-_INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
 """Words that anybody says."""
 _MOVING = lexicon.meanings(("move",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
-_LONG_PHRASE, _ASKING = 3, 3
-"""Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
-_MOST_BETWEEN = 2
-"""Most words between the parts of a verb: ``leave anyone out``."""
-_LEXICON_WORD = 7
-"""Least length of a mistyped word that is spelled as the lexicon has it: shorter ones resemble too many."""
 _OF_LEXICON = 0.5
 """Weight of a word of the lexicon for the language of a question, beside words of its grammar."""
-_LONG = 5
-"""Least length of a word that is heard as two."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """Question as it was understood.
-
-    Args:
-        kind: What is asked; None if it was not understood.
-        language: Its language (ISO 639-1).
-        topics: The deed it is about; none for another question.
-        person: The person it is about.
-        agent: The agent that acted; empty for any.
-        agent_kind: Kind of the agents that acted, of ``which carrier``; empty for any.
-        things: Names in it, such as box_a1, with the word before each, such as "to".
-        at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
-        span_s: Span of time in it; with a negative begin it ends at the time of the question.
-        ordinal: Which time a deed was done: 1 for the first, -1 for the last.
-        is_past: Whether it asks about the past.
-        says: Words that were said, in a question about an utterance.
-        is_opposite: Whether it names the opposite of the deed: ``ignore`` for not to greet.
-        is_negative: Whether it has a negation.
-        about_all: Whether it is about all people.
-        extreme: Whether it asks for the longest or the shortest visit.
-        leaves: Whether it asks about people who leave.
-        about_left_out: Whether it asks for people for whom the deed was not done.
-        about_speech: Whether it is about speaking in general.
-        asks: Whether it is about asking somebody.
-        contrast: Question about those with whom the deed is contrasted: ``and not t2``.
-        event: Question about the event that tells the time: ``after t2 had left``.
-        between: Two events that the time is between: ``between the bathroom and the kitchen``.
-        unknown: Its words that nothing explains.
-        verb: Its verb, if nothing explains it.
-        is_open: Whether a deed does not decide it: it offers alternatives, ``before or after``, or asks for more than
-            records tell, such as ``together``, ``too late`` or ``because``.
-        quantity: Whether it asks how many ``times`` a deed was done (twice, again), or to which ``others`` (else).
-        is_synonym: Whether it names the deed by a synonym that the agent does not declare.
-        reported: Class of the interrogative of an indirect question, ``whether`` without one, if it is what somebody
-            asked: ``Did t1 ask why you left?``; ``says`` has its words.
-        thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
-        belief: Name of the belief that it asks for.
-        asks_when: Whether it asks since when something was believed.
-        by_people: Whether people do the deed, and not the robot: ``Did t1 greet you?``.
-        counts_people: Whether it asks to how many people the deed was done.
-    """
-
-    kind: Kind | None
-    language: str
-    topics: tuple[Topic, ...] = ()
-    person: PersonReference | None = None
-    agent: str = ""
-    agent_kind: str = ""
-    things: Mapping[str, str] = field(default_factory=dict)
-    at_s: float | None = None
-    ago: bool = False
-    span_s: tuple[float, float] | None = None
-    ordinal: int | None = None
-    is_past: bool = False
-    says: tuple[str, ...] = ()
-    is_opposite: bool = False
-    is_negative: bool = False
-    about_all: bool = False
-    extreme: Literal["longest", "shortest", ""] = ""
-    leaves: bool = False
-    about_left_out: bool = False
-    about_speech: bool = False
-    asks: bool = False
-    contrast: Question | None = None
-    event: Event | None = None
-    between: tuple[Event, Event] | None = None
-    unknown: tuple[str, ...] = ()
-    verb: str = ""
-    is_open: bool = False
-    quantity: Quantity = ""
-    is_synonym: bool = False
-    reported: str = ""
-    thing_kind: str = ""
-    belief: str = ""
-    asks_when: bool = False
-    by_people: bool = False
-    counts_people: bool = False
-
-    @property
-    def has_unknown_name(self) -> bool:
-        """Whether it names something that the run does not have, such as t9 or room 7."""
-        return any(letter.isdigit() for word in self.unknown for letter in word)
-
-
-@dataclass(frozen=True)
-class Event:
-    """Event that tells a time: a person comes or ``leaves``, or a deed of the robot.
-
-    Args:
-        relation: Whether the time is after it, before it, or that of the event.
-        what: The people and the deed, as a question.
-        leaves: Whether the person leaves.
-        heard: Words that the person said: ``when I asked about the library``; None for another event.
-        is_near: Whether only what is next to the event is in question: ``right after``.
-    """
-
-    relation: Relation
-    what: Question
-    leaves: bool
-    heard: tuple[str, ...] | None = None
-    is_near: bool = False
-
-
-@dataclass(frozen=True)
-class Found:
-    """Parts of a clause: its classified words, the question without kind and deed, agents with their places, deeds.
-
-    ``referred`` are the places of names, people and times, and ``verb`` is that of the main verb, if it is known.
-    """
-
-    reading: Reading
-    question: Question
-    agents: Sequence[tuple[str, int]]
-    deeds: Sequence[NamedDeed]
-    referred: Set[int]
-    verb: int | None
 
 
 @dataclass(frozen=True)
@@ -301,7 +127,7 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     if not 0 < len(words) <= MOST_WORDS:
         return []
     codes = [language] if language in LANGUAGES else list(LANGUAGES)
-    known = {code: _known_words(subjects, LANGUAGES[code]) for code in codes}
+    known = {code: known_words(subjects, LANGUAGES[code]) for code in codes}
     # The letter of t1 is no French word.
     whole = [one for one, after in zip(words, [*words[1:], ""], strict=True) if len(one) > 1 or not after.isdigit()]
     exact = {
@@ -310,64 +136,13 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
         for code in codes
     }
     own = [code for code in codes if exact[code] == max(exact.values())]
-    names = _names_in(text, own, subjects)
+    names = names_in(text, own, subjects)
     return [
         each
         for code in own
-        for each in _candidates(_prepared(words, names, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
+        for each in _candidates(prepared(words, names, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
         if each.question.kind is None or names <= {*each.question.says}
     ]
-
-
-def _names_in(text: str, languages: Sequence[str], subjects: Subjects) -> set[str]:
-    """Return words with a capital letter inside a sentence that nothing has: names, beside nouns in German."""
-    found = [(before, word) for before, name in _CAPITAL.findall(text) for word in tokens(name)]
-    found = [(before, word) for before, word in found if before.lower() not in _BEFORE_ROBOT]
-    if not found or 2 * len(found) >= len(text.split()):
-        return set()  # a title has many
-    if "de" in languages:
-        found = [(before, word) for before, word in found if not _BEFORE_GERMAN_NOUN.fullmatch(before)]
-    known = {word for code in languages for word in (*LANGUAGES[code].known_words, *lexicon.words(code))}
-    return {
-        word
-        for word in {word for _, word in found} - known
-        if subjects.recorded_words.isdisjoint((word, word.removesuffix("s")))
-        and (len(word) < _SHORT_NAME or word[:-1] not in known)
-        and not any(subjects.begins_agent(word, LANGUAGES[code]) for code in languages)
-    }
-
-
-def _known_words(subjects: Subjects, language: Language) -> Set[str]:
-    """Return the words of a language, and those of the deeds and names in it."""
-    return language.known_words | words_of_deeds(subjects, language.code) | subjects.words_of_names(language.code)
-
-
-def _prepared(words: Sequence[str], names: Set[str], subjects: Subjects, language: Language) -> list[str]:
-    """Return the words of the question itself, spelled as the language and the deeds have them, but for ``names``."""
-    known = _known_words(subjects, language) | NUMBER_WORDS
-    alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
-    asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
-    asking -= language.auxiliaries
-    meant = lexicon.words(language.code)
-    spelled = [corrected(word, known, subjects.names | meant | names, asking) for word in words]
-    spelled = [
-        corrected(word, meant, subjects.names | names) if word not in known and len(word) >= _LEXICON_WORD else word
-        for word in spelled
-    ]
-    spelled = subjects.without_kind(subjects.named_in(language.code, spelled), language)
-    return without_matrix(_joined(spelled, known), language)
-
-
-def _joined(words: Sequence[str], known: Set[str]) -> list[str]:
-    """Join pairs of words that are one known word: a recogniser may hear ``of ten`` for ``often``."""
-    result: list[str] = []
-    for word in words:
-        is_whole = bool(result) and result[-1] in known and word in known
-        if result and not is_whole and len(result[-1]) + len(word) >= _LONG and result[-1] + word in known:
-            result[-1] += word
-        else:
-            result.append(word)
-    return result
 
 
 def _candidates(
@@ -378,8 +153,8 @@ def _candidates(
     if report is not None:
         yield from _reported(report, subjects, language)
         return
-    whole = _found(words, subjects, language)
-    if _names_without_records(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
+    whole = parts_of(words, subjects, language)
+    if names_without_records(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
         return
     split = without_between(words, language) if whole.question.span_s is None else None
@@ -395,7 +170,7 @@ def _candidates(
             return
     yield from _combined(whole, quoted, subjects)
     if split is not None:
-        other, main = _found(split.contrast, subjects, language), _found(split.main, subjects, language)
+        other, main = parts_of(split.contrast, subjects, language), parts_of(split.main, subjects, language)
         contrast = _subordinate(other, subjects)
         if contrast.person is None and contrast.ordinal is not None and subjects.persons:
             contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
@@ -411,7 +186,7 @@ def _candidates(
                     yield replace(each, question=replace(each.question, topics=contrast.topics), left_over=left)
     split = without_event(words, language)
     if split is not None:
-        other, main = _found(split.event, subjects, language), _found(split.main, subjects, language)
+        other, main = parts_of(split.event, subjects, language), parts_of(split.main, subjects, language)
         if split.relation == "before" and main.reading.has("why") and main.reading.has("waits"):
             # "Why did you wait before you greeted t1?" asks why it was done then.
             for each in _combined(other, quoted, subjects):
@@ -429,10 +204,10 @@ def _candidates(
 
 def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
     """Yield the readings about people for whom only one deed was done: ``Who got help but no greeting?``."""
-    other = _subordinate(_found(parts.contrast, subjects, language), subjects)
+    other = _subordinate(parts_of(parts.contrast, subjects, language), subjects)
     if not other.topics or other.person is not None or other.things:
         return
-    for each in _combined(_found(parts.main, subjects, language), quoted, subjects):
+    for each in _combined(parts_of(parts.main, subjects, language), quoted, subjects):
         is_same = each.deed is None or each.deed.topic.name == other.topics[0].name
         if each.question.kind == "who" and not is_same:
             yield replace(each, question=replace(each.question, contrast=other))
@@ -440,7 +215,7 @@ def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language
 
 def _reported(parts: Parts, subjects: Subjects, language: Language) -> Iterator[Candidate]:
     """Yield the reading about what people said, and the one that refuses it."""
-    main, told = _found(parts.main, subjects, language), _found(parts.event, subjects, language)
+    main, told = parts_of(parts.main, subjects, language), parts_of(parts.event, subjects, language)
     asked = next((name for name in INTERROGATIVES if told.reading.has(name)), "whether")
     question = replace(main.question, says=parts.event, reported=asked, unknown=())
     if subjects.heard_stems:
@@ -450,12 +225,12 @@ def _reported(parts: Parts, subjects: Subjects, language: Language) -> Iterator[
 
 def _between(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
     """Yield the readings about the time between two events."""
-    first, second = _found(parts.event, subjects, language), _found(parts.until, subjects, language)
+    first, second = parts_of(parts.event, subjects, language), parts_of(parts.until, subjects, language)
     begin, end = _bound(first, second, subjects, "after"), _bound(second, first, subjects, "before")
     if begin is None or end is None:
         return
     left = sum(len(set(each.reading.free()) - _places_of(each)) for each in (first, second))
-    for each in _combined(_found(parts.main, subjects, language), quoted, subjects):
+    for each in _combined(parts_of(parts.main, subjects, language), quoted, subjects):
         yield replace(each, question=replace(each.question, between=(begin, end)), left_over=left)
 
 
@@ -479,22 +254,6 @@ def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -
     return None if what.person is None else Event(relation, what, leaves=is_over)
 
 
-def _names_without_records(reading: Reading, referred: Set[int], subjects: Subjects) -> list[tuple[str, str]]:
-    """Return kinds of names with a number or letter that makes a name that nothing has: ``room 7``."""
-    words = reading.words
-    pairs = [(words[place - 1], words[place]) for place in reading.free() if place]
-    # "la caisse d1": a letter in front of a number is no French word.
-    pairs += [pair for n, pair in enumerate(itertools.pairwise(words), 1) if n not in referred and len(pair[1]) == 1
-              and pair[1].isalpha() and "".join(words[n + 1 : n + 2]).isdigit()]  # fmt: skip
-    numbers = {words[n]: "".join(words[n + 1 : n + 2]) for n in range(len(words)) if len(words[n]) == 1}  # the 1 of d1
-    return [
-        (kind, part + number)
-        for kind, part in pairs
-        if kind in subjects.kinds and (len(part) == 1 or part.isdigit())
-        for number in [numbers.get(part, "") if part.isalpha() and numbers.get(part, "").isdigit() else ""]
-    ]
-
-
 def _is_hypothetical(words: Sequence[str], language: Language) -> bool:
     """Return whether a question is about what did not happen: ``what if``; no record tells that."""
     return tells_exactly(words, language, "hypothetical")
@@ -504,94 +263,11 @@ def _places_of(found: Found) -> Set[int]:
     return found.deeds[0].places if found.deeds else set()
 
 
-def _found(words: Sequence[str], subjects: Subjects, language: Language) -> Found:
-    """Return the parts of a clause."""
-    reading = Reading(language, digits_after_names(list(words), subjects, language))
-    span_s = take_span(reading)
-    at_s, ago, person = take_time(reading, subjects) if span_s is None else (None, False, None)
-    things, agents = take_names(reading, subjects)
-    named = take_person(reading, subjects)
-    if named is not None and person is not None:
-        at_s = person.at_s  # "the second visitor at 24 s"
-    person = named or person
-    referred = frozenset(reading.taken)
-    classify(reading, words_of_deeds(subjects, language.code))
-    if not subjects.persons:
-        _release_deeds(reading, subjects)
-    for name in ("silent", "waits", "talk"):
-        places = places_of_class(reading.words, language, name) - referred
-        if places:
-            reading.found[name] = [(1.0, tuple(sorted(places)))]
-            reading.taken |= places if name == "silent" else set()
-    if person is None and reading.has("me"):
-        person = PersonReference(me=True)
-    is_left_out = person is None and _take_left_out(reading)
-    quantity = take_quantity(reading, is_named=person is not None)
-    ordinal = take_ordinal(reading, referred) if span_s is None else None
-    names = [*things, *(name for name, _ in agents)]
-    at = None if at_s is None or ago else subjects.history.start + nanoseconds(at_s)
-    deeds = named_deeds(reading, subjects, names, at)
-    guess_interrogative(reading, bool(deeds), {place for each in deeds if each.fit >= _NAMED for place in each.places})
-    verb = clause_verb(reading, referred)
-    explained = {place for name in VERBS for place in reading.places(name)} | {n for each in deeds for n in each.places}
-    # "Would you say ...?"
-    explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
-    # "Which carrier did it end up on?"
-    light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
-    verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
-    people = {n for name in ("named", "people", "them", "me") for n in reading.places(name)} | referred
-    if verb is not None and verb - 1 in people and person is not None and _PASSING.intersection(
-        reading.words[verb + 1 : verb + 2]
-    ):  # fmt: skip
-        reading.found.setdefault("here", []).append((1.0, (verb, verb + 1)))  # "When did t1 stroll in?"
-        reading.taken |= {verb, verb + 1}
-        explained |= {verb}
-    for place in reading.free():
-        name = subjects.argument_names.get(reading.words[place])
-        if name is not None:  # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
-            things[name] = reading.words[place - 1] if place else ""
-            reading.found.setdefault("thing", []).append((1.0, (place,)))
-            reading.taken.add(place)
-    kinds = {stem(kind) for kind in subjects.kinds if len(kind) > 1}
-    for place in reading.free():  # "Did you drop a box?" says what kind of thing it is.
-        if stem(reading.words[place]) in kinds and not "".join(reading.words[place + 1 : place + 2]).isdigit():
-            reading.found.setdefault("kind", []).append((1.0, (place,)))
-            reading.taken.add(place)
-    question = Question(
-        None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
-        is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
-        is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
-        is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
-        leaves=tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes"),
-        about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
-        asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
-        unknown=tuple(reading.words[place] for place in reading.free()),
-        verb="" if verb is None or verb in explained else reading.words[verb],
-        thing_kind=_thing_kind(reading, subjects),
-    )  # fmt: skip
-    return Found(reading, question, agents, deeds, referred, verb)
-
-
-def _release_deeds(reading: Reading, subjects: Subjects) -> None:
-    """Take words of visits as deeds that agents declare: in a run without people only agents come and leave."""
-    phrases = (one for topic in subjects.topics for one in topic.words.get(reading.language.code, ()))
-    declared = {stem(phrase[0]) for phrase in phrases if len(phrase) == 1} - set(
-        map(stem, reading.language.auxiliaries)
-    )
-    code, meant = reading.language.code, meanings_of(subjects)
-    here = reading.found.get("here", ())
-    kept = [each for each in here if not any(
-        stem(reading.words[n]) in declared or not meant.isdisjoint(lexicon.meanings((reading.words[n],), code))
-        for n in each[1])]  # fmt: skip
-    reading.taken -= set(reading.places("here")) - {n for _, places in kept for n in places}
-    reading.found["here"] = kept
-
-
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
     says, places = _words_said(found, quoted, subjects)
     for deed in (
-        each for each in found.deeds if not _is_another(each, found) and not _has_other_object(each, found, subjects)
+        each for each in found.deeds if not _is_another(each, found) and not has_other_object(each, found, subjects)
     ):
         if _says_another(deed, found, says, subjects):
             continue
@@ -721,53 +397,6 @@ def _says_another(deed: NamedDeed, found: Found, says: Sequence[str], subjects: 
     return not any(subjects.share_said(says, each) >= _MOST_SAID for each in done)
 
 
-def _has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool:
-    """Return whether a noun behind an article names something that no record has: ``clean the garage``."""
-    words, language = found.reading.words, found.reading.language
-    free = [place for place in found.reading.free() if place not in deed.places and len(words[place]) > 2]
-    named = found.referred | {n for name in ("people", "time", "see") for n in found.reading.places(name)}
-    nouns = [
-        words[place]
-        for place in free
-        if place and place + 1 not in named  # "the big box"
-        if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
-    ]
-    nouns = [word for word in nouns if not lexicon.is_general(word, language.code)]  # "go to a place"
-    return any(stem(word) not in subjects.recorded_stems and word not in NUMBER_WORDS for word in nouns)
-
-
-def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
-    """Return what a question names and no record does: things behind an article, names, and deeds.
-
-    Args:
-        found: Parts of the question.
-        subjects: What the run can be asked about.
-        text: The question as it was written, with its capital letters.
-    """
-    reading, words, verb = found.reading, found.reading.words, found.question.verb
-    names = {word for _, name in _CAPITAL.findall(text) for word in tokens(name)}
-    articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
-    # "Ann" resembles "any", but is a name. German nouns have capital letters, too.
-    certain = {word for word in names if reading.language.code != "de" and word not in reading.language.known_words}
-    free = [place for place, word in enumerate(words) if len(word) > 2 and (place in reading.free() or word in certain)]
-    numbered = [f"{kind} {part}" for kind, part in _names_without_records(reading, found.referred, subjects)]
-    numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
-    named = {
-        words[place]
-        for place in free
-        if words[place] in names
-        or words[place - 1] in articles
-        or any(lexicon.section_of(one) == "deeds" for one in lexicon.meanings((words[place],), reading.language.code))
-    }
-    return numbered + [
-        word
-        for word in dict.fromkeys(words)
-        if (word in named or word == verb)
-        and not subjects.is_recorded(word, reading.language.code)
-        and word not in NUMBER_WORDS
-    ]
-
-
 def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
     """Return whether a particle changes the meaning of a verb: ``check in``, but not ``drive in``."""
     is_particle = PARTICLES.issuperset(words[1:2]) and words[1:] and not is_named and words[2:3] not in _OBJECT_BEGINS
@@ -777,15 +406,6 @@ def _has_other_particle(words: Sequence[str], is_named: bool) -> bool:
 def _words_heard(found: Found, subjects: Subjects) -> tuple[str, ...]:
     """Return the words of a question that people said."""
     return tuple(word for word in found.reading.words if stem(word) in subjects.heard_stems and word not in _COMMON)
-
-
-def _thing_kind(reading: Reading, subjects: Subjects) -> str:
-    """Return the kind of things of ``which box``; empty for agents and other words."""
-    words, phrases = reading.words, reading.language.phrases
-    asking = {one[0] for name in ("which", "what") for one in phrases[name] if len(one) == 1}
-    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in asking), "")
-    agents = {kind_of_name(agent) for agent in subjects.agents}
-    return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
 
 
 def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
@@ -856,7 +476,7 @@ def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str
 
 def _subordinate(found: Found, subjects: Subjects) -> Question:
     """Return the question of a subordinate clause: its people and things, and the deed that it names surely."""
-    named = [each for each in found.deeds if each.fit >= _NAMED]
+    named = [each for each in found.deeds if each.fit >= NAMED]
     deed = max(named, key=lambda each: each.evidence.get("thing", 0.0), default=None)  # the first one of the best
     agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
     things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
@@ -912,39 +532,6 @@ def _asked_kind(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
     return asked if asked in {kind_of_name(each.source) for each in subjects.done(deed.topic)} else ""
 
 
-def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
-    return "longest" if reading.has("longest") else "shortest" if reading.has("shortest") else ""
-
-
-def _take_left_out(reading: Reading) -> bool:
-    """Take words for people for whom nothing was done: ``Who got nothing?``. Return whether there are any."""
-    places = {
-        place
-        for phrase in reading.language.phrases["left out"]
-        for alike, places in occurrences(phrase, reading.words, _MOST_BETWEEN)
-        if alike >= FORM
-        for place in places
-    }
-    others = reading.has("why", "say", "see", "happen", "fail")
-    if not places or others or not reading.has("who", "people"):
-        return False
-    reading.found.setdefault("not", []).append((1.0, tuple(sorted(places))))
-    reading.taken |= places
-    return True
-
-
-def _is_about_left_out(reading: Reading) -> bool:
-    """Return whether a negation is about people in front of it: ``was there anybody you did not greet``."""
-    people = reading.places("people")
-    denied = [places for _, places in reading.found.get("not", ())]
-    if any(one < places[0] for one in people for places in denied):
-        return True
-    # "Did you forget to greet anyone?"
-    return any(
-        places[0] < one and len(places) > 1 and reading.words[one] in _INDEFINITE for one in people for places in denied
-    )
-
-
 def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tuple[tuple[str, ...], Set[int]]:
     """Return the words of an utterance and their places: quoted ones, or those behind a verb of saying."""
     reading, words = found.reading, found.reading.words
@@ -974,23 +561,13 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
         return (told, set(range(begin, end))) if told and subjects.is_quoted(told) else ((), set())
     names = {word for name in found.question.things for word in tokens(name)}
     mine = {one[0] for one in reading.language.phrases["me"]}
-    while end - begin > 1 and words[begin] in {*_INDEFINITE, *_BESIDE_SAID, *mine, *names}:
+    while end - begin > 1 and words[begin] in {*INDEFINITE, *_BESIDE_SAID, *mine, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"
     vague = {
         one[0] for name in ("filler", "what", "me", "you") for one in reading.language.phrases[name] if len(one) == 1
-    } - _GREETINGS
+    } - GREETINGS
     told = tuple(words[begin:end])
-    is_known = subjects.is_quoted(told) or not _GREETINGS.isdisjoint(told)  # "say hello"
+    is_known = subjects.is_quoted(told) or not GREETINGS.isdisjoint(told)  # "say hello"
     if vague.issuperset(told) or (not is_known and reading.taken.issuperset(range(begin, end))):
         return (), set()  # "speak with t3", "say anything"
     return told, set(range(begin, end))
-
-
-def with_time(question: Question, now_s: float) -> Question:
-    """Return a question with a time that counts back as a time of the run; it is negative before the run."""
-    if question.span_s is not None and question.span_s[0] < 0.0:
-        question = replace(question, span_s=(max(0.0, now_s + question.span_s[0]), now_s))
-    if not question.ago or question.at_s is None:
-        return question
-    at_s = now_s - question.at_s
-    return replace(question, at_s=at_s if at_s < -NEAR_S else max(0.0, at_s), ago=False)

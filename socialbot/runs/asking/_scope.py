@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
-from socialbot.runs.asking._questions import NEAR_S, Event, Question
+from socialbot.runs.asking._question import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of, has_word
 from socialbot.runs.asking.languages import LANGUAGES

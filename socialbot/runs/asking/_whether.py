@@ -11,7 +11,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._causes import plans_of, reasons_against
 from socialbot.runs.asking._facts import record_agent
 from socialbot.runs.asking._people import count_people, has_frames
-from socialbot.runs.asking._questions import Question
+from socialbot.runs.asking._question import Question
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of

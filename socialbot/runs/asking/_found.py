@@ -1,0 +1,260 @@
+"""Parts of a clause of a question: its words by class, names, people, times and deeds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
+from typing import Literal
+
+from socialbot.core.clock import nanoseconds
+from socialbot.runs.asking._clauses import without_matrix
+from socialbot.runs.asking._main_verb import clause_verb
+from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of, named_deeds
+from socialbot.runs.asking._question import Question
+from socialbot.runs.asking._references import (
+    PersonReference,
+    Reading,
+    digits_after_names,
+    take_names,
+    take_ordinal,
+    take_person,
+    take_quantity,
+    take_span,
+    take_time,
+)
+from socialbot.runs.asking._sentences import kind_of_name
+from socialbot.runs.asking._spelling import corrected
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._word_classes import (
+    classify,
+    guess_interrogative,
+    places_of_class,
+    tells,
+    tells_exactly,
+    words_of_deeds,
+)
+from socialbot.runs.asking._words import FORM, NUMBER_WORDS, occurrences, stem, tokens
+from socialbot.runs.asking.languages import INTERROGATIVES, LANGUAGES, Language, lexicon
+
+VERBS = (
+    *INTERROGATIVES, "see", "say", "do", "happen", "next", "plan", "here", "not", "longest", "silent", "waits",
+)  # fmt: skip
+"""Classes of words that say what somebody does."""
+_CONJUNCTIONS = {"that", "if", "whether"}
+CAPITAL = re.compile(r"([^\W\d_]+) (?=([A-Z\u00c0-\u00de]\w+))")
+"""Word before one with a capital letter; one behind a comma may address the robot."""
+GREETINGS = {"hey", "hi", "hello", "hallo", "bonjour", "salut", "hola"}
+"""Words of greeting."""
+_BEFORE_ROBOT = GREETINGS | {"dear", "ok", "okay", "lieber", "cher"}
+"""Words before the name of the robot."""
+_BEFORE_GERMAN_NOUN = re.compile(
+    r"[a-z\u00e4\u00f6\u00fc]+e[nmrs]?|d[ae]s|a[mn]|auf|aus|beim|durch|i[mns]+|mit|nach|um|vo[mnr]|zu[mr]|k?ein"
+)
+"""Lower-case word that a German noun may follow, beside its name."""
+_SHORT_NAME = 5
+"""Length from which on a word with a capital letter may be an inflected one."""
+NAMED = 0.85
+"""Least fit of a deed in a subordinate clause."""
+_PASSING = {"in", "by", "past", "off", "away", "out", "along", "through"}
+"""Particles of verbs of coming and leaving: ``stroll in``."""
+INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
+_LONG_PHRASE, _ASKING = 3, 3
+"""Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
+_MOST_BETWEEN = 2
+"""Most words between the parts of a verb: ``leave anyone out``."""
+_LEXICON_WORD = 7
+"""Least length of a mistyped word that is spelled as the lexicon has it: shorter ones resemble too many."""
+_LONG = 5
+"""Least length of a word that is heard as two."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Parts of a clause: its classified words, the question without kind and deed, agents with their places, deeds.
+
+    ``referred`` are the places of names, people and times, and ``verb`` is that of the main verb, if it is known.
+    """
+
+    reading: Reading
+    question: Question
+    agents: Sequence[tuple[str, int]]
+    deeds: Sequence[NamedDeed]
+    referred: Set[int]
+    verb: int | None
+
+
+def names_in(text: str, languages: Sequence[str], subjects: Subjects) -> set[str]:
+    """Return words with a capital letter inside a sentence that nothing has: names, beside nouns in German."""
+    found = [(before, word) for before, name in CAPITAL.findall(text) for word in tokens(name)]
+    found = [(before, word) for before, word in found if before.lower() not in _BEFORE_ROBOT]
+    if not found or 2 * len(found) >= len(text.split()):
+        return set()  # a title has many
+    if "de" in languages:
+        found = [(before, word) for before, word in found if not _BEFORE_GERMAN_NOUN.fullmatch(before)]
+    known = {word for code in languages for word in (*LANGUAGES[code].known_words, *lexicon.words(code))}
+    return {
+        word
+        for word in {word for _, word in found} - known
+        if subjects.recorded_words.isdisjoint((word, word.removesuffix("s")))
+        and (len(word) < _SHORT_NAME or word[:-1] not in known)
+        and not any(subjects.begins_agent(word, LANGUAGES[code]) for code in languages)
+    }
+
+
+def known_words(subjects: Subjects, language: Language) -> Set[str]:
+    """Return the words of a language, and those of the deeds and names in it."""
+    return language.known_words | words_of_deeds(subjects, language.code) | subjects.words_of_names(language.code)
+
+
+def prepared(words: Sequence[str], names: Set[str], subjects: Subjects, language: Language) -> list[str]:
+    """Return the words of the question itself, spelled as the language and the deeds have them, but for ``names``."""
+    known = known_words(subjects, language) | NUMBER_WORDS
+    alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
+    asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
+    asking -= language.auxiliaries
+    meant = lexicon.words(language.code)
+    spelled = [corrected(word, known, subjects.names | meant | names, asking) for word in words]
+    spelled = [
+        corrected(word, meant, subjects.names | names) if word not in known and len(word) >= _LEXICON_WORD else word
+        for word in spelled
+    ]
+    spelled = subjects.without_kind(subjects.named_in(language.code, spelled), language)
+    return without_matrix(_joined(spelled, known), language)
+
+
+def _joined(words: Sequence[str], known: Set[str]) -> list[str]:
+    """Join pairs of words that are one known word: a recogniser may hear ``of ten`` for ``often``."""
+    result: list[str] = []
+    for word in words:
+        is_whole = bool(result) and result[-1] in known and word in known
+        if result and not is_whole and len(result[-1]) + len(word) >= _LONG and result[-1] + word in known:
+            result[-1] += word
+        else:
+            result.append(word)
+    return result
+
+
+def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Found:
+    """Return the parts of a clause."""
+    reading = Reading(language, digits_after_names(list(words), subjects, language))
+    span_s = take_span(reading)
+    at_s, ago, person = take_time(reading, subjects) if span_s is None else (None, False, None)
+    things, agents = take_names(reading, subjects)
+    named = take_person(reading, subjects)
+    if named is not None and person is not None:
+        at_s = person.at_s  # "the second visitor at 24 s"
+    person = named or person
+    referred = frozenset(reading.taken)
+    classify(reading, words_of_deeds(subjects, language.code))
+    if not subjects.persons:
+        _release_deeds(reading, subjects)
+    for name in ("silent", "waits", "talk"):
+        places = places_of_class(reading.words, language, name) - referred
+        if places:
+            reading.found[name] = [(1.0, tuple(sorted(places)))]
+            reading.taken |= places if name == "silent" else set()
+    if person is None and reading.has("me"):
+        person = PersonReference(me=True)
+    is_left_out = person is None and _take_left_out(reading)
+    quantity = take_quantity(reading, is_named=person is not None)
+    ordinal = take_ordinal(reading, referred) if span_s is None else None
+    names = [*things, *(name for name, _ in agents)]
+    at = None if at_s is None or ago else subjects.history.start + nanoseconds(at_s)
+    deeds = named_deeds(reading, subjects, names, at)
+    guess_interrogative(reading, bool(deeds), {place for each in deeds if each.fit >= NAMED for place in each.places})
+    verb = clause_verb(reading, referred)
+    explained = {place for name in VERBS for place in reading.places(name)} | {n for each in deeds for n in each.places}
+    # "Would you say ...?"
+    explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    # "Which carrier did it end up on?"
+    light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
+    people = {n for name in ("named", "people", "them", "me") for n in reading.places(name)} | referred
+    if verb is not None and verb - 1 in people and person is not None and _PASSING.intersection(
+        reading.words[verb + 1 : verb + 2]
+    ):  # fmt: skip
+        reading.found.setdefault("here", []).append((1.0, (verb, verb + 1)))  # "When did t1 stroll in?"
+        reading.taken |= {verb, verb + 1}
+        explained |= {verb}
+    for place in reading.free():
+        name = subjects.argument_names.get(reading.words[place])
+        if name is not None:  # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
+            things[name] = reading.words[place - 1] if place else ""
+            reading.found.setdefault("thing", []).append((1.0, (place,)))
+            reading.taken.add(place)
+    kinds = {stem(kind) for kind in subjects.kinds if len(kind) > 1}
+    for place in reading.free():  # "Did you drop a box?" says what kind of thing it is.
+        if stem(reading.words[place]) in kinds and not "".join(reading.words[place + 1 : place + 2]).isdigit():
+            reading.found.setdefault("kind", []).append((1.0, (place,)))
+            reading.taken.add(place)
+    question = Question(
+        None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
+        is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
+        is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
+        is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
+        leaves=tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes"),
+        about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
+        asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
+        unknown=tuple(reading.words[place] for place in reading.free()),
+        verb="" if verb is None or verb in explained else reading.words[verb],
+        thing_kind=_thing_kind(reading, subjects),
+    )  # fmt: skip
+    return Found(reading, question, agents, deeds, referred, verb)
+
+
+def _release_deeds(reading: Reading, subjects: Subjects) -> None:
+    """Take words of visits as deeds that agents declare: in a run without people only agents come and leave."""
+    phrases = (one for topic in subjects.topics for one in topic.words.get(reading.language.code, ()))
+    declared = {stem(phrase[0]) for phrase in phrases if len(phrase) == 1} - set(
+        map(stem, reading.language.auxiliaries)
+    )
+    code, meant = reading.language.code, meanings_of(subjects)
+    here = reading.found.get("here", ())
+    kept = [each for each in here if not any(
+        stem(reading.words[n]) in declared or not meant.isdisjoint(lexicon.meanings((reading.words[n],), code))
+        for n in each[1])]  # fmt: skip
+    reading.taken -= set(reading.places("here")) - {n for _, places in kept for n in places}
+    reading.found["here"] = kept
+
+
+def _thing_kind(reading: Reading, subjects: Subjects) -> str:
+    """Return the kind of things of ``which box``; empty for agents and other words."""
+    words, phrases = reading.words, reading.language.phrases
+    asking = {one[0] for name in ("which", "what") for one in phrases[name] if len(one) == 1}
+    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in asking), "")
+    agents = {kind_of_name(agent) for agent in subjects.agents}
+    return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
+
+
+def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
+    return "longest" if reading.has("longest") else "shortest" if reading.has("shortest") else ""
+
+
+def _take_left_out(reading: Reading) -> bool:
+    """Take words for people for whom nothing was done: ``Who got nothing?``. Return whether there are any."""
+    places = {
+        place
+        for phrase in reading.language.phrases["left out"]
+        for alike, places in occurrences(phrase, reading.words, _MOST_BETWEEN)
+        if alike >= FORM
+        for place in places
+    }
+    others = reading.has("why", "say", "see", "happen", "fail")
+    if not places or others or not reading.has("who", "people"):
+        return False
+    reading.found.setdefault("not", []).append((1.0, tuple(sorted(places))))
+    reading.taken |= places
+    return True
+
+
+def _is_about_left_out(reading: Reading) -> bool:
+    """Return whether a negation is about people in front of it: ``was there anybody you did not greet``."""
+    people = reading.places("people")
+    denied = [places for _, places in reading.found.get("not", ())]
+    if any(one < places[0] for one in people for places in denied):
+        return True
+    # "Did you forget to greet anyone?"
+    return any(
+        places[0] < one and len(places) > 1 and reading.words[one] in INDEFINITE for one in people for places in denied
+    )

@@ -1,0 +1,89 @@
+"""What a question names and no record has."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Set
+
+from socialbot.runs.asking._found import (
+    CAPITAL,
+    Found,
+)
+from socialbot.runs.asking._named_deeds import NamedDeed
+from socialbot.runs.asking._references import (
+    Reading,
+)
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
+from socialbot.runs.asking.languages import lexicon
+
+_TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
+"""Prepositions with an article."""
+_POSSESSIVE = {
+    "its", "your", "his", "their", "sein", "seine", "seinen", "dein", "deine", "deinen", "sa", "son", "ton", "ta", "su",
+    "tu",
+}  # fmt: skip
+"""Possessive determiners before a thing."""
+
+
+def names_without_records(reading: Reading, referred: Set[int], subjects: Subjects) -> list[tuple[str, str]]:
+    """Return kinds of names with a number or letter that makes a name that nothing has: ``room 7``."""
+    words = reading.words
+    pairs = [(words[place - 1], words[place]) for place in reading.free() if place]
+    # "la caisse d1": a letter in front of a number is no French word.
+    pairs += [pair for n, pair in enumerate(itertools.pairwise(words), 1) if n not in referred and len(pair[1]) == 1
+              and pair[1].isalpha() and "".join(words[n + 1 : n + 2]).isdigit()]  # fmt: skip
+    numbers = {words[n]: "".join(words[n + 1 : n + 2]) for n in range(len(words)) if len(words[n]) == 1}  # the 1 of d1
+    return [
+        (kind, part + number)
+        for kind, part in pairs
+        if kind in subjects.kinds and (len(part) == 1 or part.isdigit())
+        for number in [numbers.get(part, "") if part.isalpha() and numbers.get(part, "").isdigit() else ""]
+    ]
+
+
+def has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool:
+    """Return whether a noun behind an article names something that no record has: ``clean the garage``."""
+    words, language = found.reading.words, found.reading.language
+    free = [place for place in found.reading.free() if place not in deed.places and len(words[place]) > 2]
+    named = found.referred | {n for name in ("people", "time", "see") for n in found.reading.places(name)}
+    nouns = [
+        words[place]
+        for place in free
+        if place and place + 1 not in named  # "the big box"
+        if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
+    ]
+    nouns = [word for word in nouns if not lexicon.is_general(word, language.code)]  # "go to a place"
+    return any(stem(word) not in subjects.recorded_stems and word not in NUMBER_WORDS for word in nouns)
+
+
+def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
+    """Return what a question names and no record does: things behind an article, names, and deeds.
+
+    Args:
+        found: Parts of the question.
+        subjects: What the run can be asked about.
+        text: The question as it was written, with its capital letters.
+    """
+    reading, words, verb = found.reading, found.reading.words, found.question.verb
+    names = {word for _, name in CAPITAL.findall(text) for word in tokens(name)}
+    articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
+    # "Ann" resembles "any", but is a name. German nouns have capital letters, too.
+    certain = {word for word in names if reading.language.code != "de" and word not in reading.language.known_words}
+    free = [place for place, word in enumerate(words) if len(word) > 2 and (place in reading.free() or word in certain)]
+    numbered = [f"{kind} {part}" for kind, part in names_without_records(reading, found.referred, subjects)]
+    numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
+    named = {
+        words[place]
+        for place in free
+        if words[place] in names
+        or words[place - 1] in articles
+        or any(lexicon.section_of(one) == "deeds" for one in lexicon.meanings((words[place],), reading.language.code))
+    }
+    return numbered + [
+        word
+        for word in dict.fromkeys(words)
+        if (word in named or word == verb)
+        and not subjects.is_recorded(word, reading.language.code)
+        and word not in NUMBER_WORDS
+    ]
