@@ -33,7 +33,7 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_31", "new_wordings_33")
+SEALED: tuple[str, ...] = ("new_wordings_34", "new_wordings_35")
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
@@ -58,8 +58,9 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
         return all(any(reaches(one, each, verifier) for one in _by_clause(found)) for each in target.split(" + "))
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
-    names = {_plain(claim.what[0]) for claim in claims if claim.kind == "not_named"}
-    meant = {meaning for name in names for meaning in lexicon.meanings((name,), found.language)}
+    unnamed = [claim.what[0] for claim in claims if claim.kind == "not_named"]
+    names = set(map(_plain, unnamed))
+    meant = {meaning for name in unnamed for meaning in lexicon.meanings((*tokens(name),), found.language)}
     names |= {word for word in tokens(rest) if meant & lexicon.meanings((word,))}  # "Kaffee" is coffee
     if kind == "unknown":
         return not found.known or bool(names)

@@ -271,6 +271,8 @@ class _Answering(Whether):
         return self.numbered(self.of_persons(deeds))
 
     def _why_not(self) -> Told | None:
+        if self.topic is None and self.question.says:
+            return self._did_say()
         if self.topic is None and self.question.about_speech:
             # "Why did you say nothing to t3?": the first deed that speaks was left undone.
             spoken = (each for each in self.subjects.deeds if self.subjects.words_said(each))

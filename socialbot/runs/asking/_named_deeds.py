@@ -156,10 +156,7 @@ def _named(
         found = {place for at in places.values() for place in at}
         return NamedDeed(topic, evidence, frozenset(found)) if found else None
     for phrase in topic.loose:
-        note(
-            "name" if phrase in topic.named_by_argument else "loose",
-            *_loosely(phrase, words, free, soft, ALIKE if code == ENGLISH.code else FORM),
-        )
+        note("name" if phrase in topic.named_by_argument else "loose", *_loosely(phrase, words, free, soft, code))
     kind, alike = _meanings_of(topic)
     for each in meant:
         if each.meaning in alike and _is_whole(each.phrase, each.places, words, free, soft):
@@ -222,17 +219,23 @@ def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free:
 
 
 def _loosely(
-    phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int], least: float
+    phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int], code: str
 ) -> tuple[float, tuple[int, ...]]:
     """Return how well words name a deed by its phrase, whose first word counts most, and their places."""
+    least = ALIKE if code == ENGLISH.code else FORM
     found: list[int] = []
     total = 0.0
+
+    def alike(at: int, wanted: str) -> float:
+        is_meant = len(phrase) > 1 and not meanings((words[at],), code).isdisjoint(named_meanings(wanted))
+        return max(similarity(words[at], wanted), FORM if is_meant else 0.0)
+
     for n, wanted in enumerate(phrase):
         share = 1.0 if len(phrase) == 1 else _VERB if n == 0 else (1.0 - _VERB) / (len(phrase) - 1)
-        places = [at for at in free | soft if similarity(words[at], wanted) >= (least if at in free else 0.95)]
-        place = max(places, key=lambda at: (similarity(words[at], wanted), -at), default=None)
+        places = [at for at in free | soft if alike(at, wanted) >= (least if at in free else 0.95)]
+        place = max(places, key=lambda at, wanted=wanted: (alike(at, wanted), -at), default=None)
         if place is not None:
-            total += share * similarity(words[place], wanted)
+            total += share * alike(place, wanted)
             found.append(place)
         elif n == 0:
             return 0.0, ()

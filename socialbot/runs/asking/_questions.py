@@ -45,7 +45,7 @@ from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, 
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
 _OF_DEEDS: Sequence[Kind] = ("why", "why_not", "when", "who", "how_long", "count", "did", "next", "failed", "where")
-_OF_SAYING: Sequence[Kind] = ("why", "when", "who", "count", "did")
+_OF_SAYING: Sequence[Kind] = ("why", "why_not", "when", "who", "count", "did")
 _OF_STATES: Sequence[Kind] = (
     "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "heard", "failed",
 )  # fmt: skip
@@ -95,7 +95,7 @@ _AWAY = {"away", "off", "weg", "fort"}
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
 """Words that anybody says."""
-_MOVING = lexicon.meanings(("move",))
+_MOVING, _HEARING = lexicon.meanings(("move",)), lexicon.meanings(("hear",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
 _OF_LEXICON = 0.5
@@ -308,11 +308,15 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         if kind == "heard":
             is_quoted = bool(says) and are_tellers and not found.reading.has("what")
             heard = says if is_quoted else _words_heard(found, subjects)
-            one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
+            code = found.reading.language.code
+            is_explained = {*heard, *(word for word in one.unknown if _HEARING & lexicon.meanings((word,), code))}
+            one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in is_explained))
         elif kind == "said" and asks and says and not _EVENTS.intersection(says) and subjects.is_quoted(says):
             # "What did you say about the library?"
             left = tuple(words[place] for place in found.reading.free() if place not in places)
             one = replace(one, says=says, unknown=left)
+        elif kind == "said" and GREETINGS.intersection(says):
+            continue  # "When did you say hello?"
         yield Candidate(one if at_person is None else replace(one, at_s=at_person), found, None, 0)
     if "why" not in asked and "why_not" not in asked:
         yield from _of_records(found, question, subjects)
@@ -479,6 +483,8 @@ def _subordinate(found: Found, subjects: Subjects) -> Question:
     named = [each for each in found.deeds if each.fit >= NAMED]
     deed = max(named, key=lambda each: each.evidence.get("thing", 0.0), default=None)  # the first one of the best
     agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
+    if deed is not None and agent and agent not in {each.source for each in subjects.done(deed.topic)}:
+        agent = ""  # "after loading the box onto carrier b"
     things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
     topics = () if deed is None else (deed.topic,)
     by_people = deed is not None and _are_doers(found, deed.places, subjects)
@@ -566,6 +572,9 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     vague = {
         one[0] for name in ("filler", "what", "me", "you") for one in reading.language.phrases[name] if len(one) == 1
     } - GREETINGS
+    event = next((n for n in range(begin + 1, end) if words[n] in _EVENTS), end)
+    if not subjects.is_quoted(words[begin:end]):
+        end = event  # "say goodbye when the person left"
     told = tuple(words[begin:end])
     is_known = subjects.is_quoted(told) or not GREETINGS.isdisjoint(told)  # "say hello"
     if vague.issuperset(told) or (not is_known and reading.taken.issuperset(range(begin, end))):

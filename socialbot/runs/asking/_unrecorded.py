@@ -14,7 +14,7 @@ from socialbot.runs.asking._references import (
     Reading,
 )
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
+from socialbot.runs.asking._words import NUMBER_WORDS, tokens
 from socialbot.runs.asking.languages import lexicon
 
 _TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
@@ -54,7 +54,7 @@ def has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool:
         if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
     ]
     nouns = [word for word in nouns if not lexicon.is_general(word, language.code)]  # "go to a place"
-    return any(stem(word) not in subjects.recorded_stems and word not in NUMBER_WORDS for word in nouns)
+    return any(not subjects.is_recorded(word, language.code) and word not in NUMBER_WORDS for word in nouns)
 
 
 def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
@@ -80,10 +80,17 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
         or words[place - 1] in articles
         or any(lexicon.section_of(one) == "deeds" for one in lexicon.meanings((words[place],), reading.language.code))
     }
-    return numbered + [
+    code, unknown = reading.language.code, set(reading.free())
+    phrases = [
+        " ".join(words[n] for n in each.places)
+        for each in lexicon.found_in(words, code)
+        if len(each.places) > 1 and unknown.issuperset(each.places)
+        if lexicon.section_of(each.meaning) == "deeds" and not subjects.is_meant(each.meaning)
+    ]  # "fallen lassen"
+    named |= {*verb.split()}
+    named -= {word for phrase in phrases for word in phrase.split()}
+    return [*numbered, *dict.fromkeys(phrases)] + [
         word
         for word in dict.fromkeys(words)
-        if (word in named or word == verb)
-        and not subjects.is_recorded(word, reading.language.code)
-        and word not in NUMBER_WORDS
+        if word in named and not subjects.is_recorded(word, reading.language.code) and word not in NUMBER_WORDS
     ]

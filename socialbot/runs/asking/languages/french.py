@@ -22,7 +22,8 @@ FRENCH = Language(
         "how_often": "combien de fois,a quelle frequence",
         "how_many": "combien de,combien,nombre de",
         "unanswerable": (
-            "ou,quel age,quelle couleur,a qui,comment,combien coute,a qui appartient,a qui appartiennent,appartient,"
+            "comment s appelle,comment s appelait,comment t appelles,ou,quel age,quelle couleur,a qui,comment,"
+            "combien coute,a qui appartient,a qui appartiennent,appartient,"
             "a qui est"
         ),
         "not": "n as,n avez,n a,n ont,n ai,pas,jamais,aucun,aucune,oublie,omis,refuse,sans",

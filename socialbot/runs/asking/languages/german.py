@@ -25,7 +25,8 @@ GERMAN = Language(
         "how_often": "wie oft,wie haufig,wie viele male,wieviele male,wie viel mal,wie viele mal",
         "how_many": "wie viele,wieviele,wie viel,anzahl,wie vielen,wie vieler,wieviel",
         "unanswerable": (
-            "wie alt,welche farbe,wie heisst,wie schnell,wie gross,wie,wem gehort,wem gehoren,wem gehorte,gehort"
+            "wie alt,welche farbe,wie heisst,wie hiess,wie schnell,wie gross,wie,wem gehort,wem gehoren,"
+            "wem gehorte,gehort"
         ),
         "not": "nicht,nie,niemals,kein,keine,keinen,keiner,vergessen,versaumt,unterlassen",
         "see": (
@@ -71,7 +72,7 @@ GERMAN = Language(
         "them": "ihn,ihm,sie,ihnen,er,diesen mann,diese frau",
         "past": (
             "kam,kamen,gekommen,sah,sahst,hast,habe,hat,haben,hattest,war,waren,wart,wurde,wurden,wurdest,bist,schon,"
-            "vorher,bisher,blieb,stand,ging,geschah,passierte,sagtest,tatest,machtest"
+            "vorher,bisher,blieb,stand,ging,geschah,passierte,sagtest,tatest,machtest,machte,machten,tat,taten,warst"
         ),
         "future": "wirst,werden,als nachstes,nachstes,vorhast",
         "present": "ist,sind,kannst,jetzt,gerade,derzeit,momentan,siehst,machst,tust",

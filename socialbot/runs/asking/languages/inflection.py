@@ -135,7 +135,7 @@ _SPANISH = {
     each.split()[0]: tuple(each.split()[1:])
     for each in (
         "poner puesto pus pong pon", "decir dicho dij dig dic", "hacer hecho hic hag hac hiz",
-        "traer traido traj traig", "ir ido fu v vay ib",
+        "traer traido traj traig", "ducir ducido duj duzc", "ir ido fu v vay ib",
         "venir venido vin veng vien", "dar dado d di",
         "ver visto v ve", "abrir abierto abr", "romper roto romp", "cribir crito crib", "tener tenido tuv teng tien",
         "querer querido quis quier", "ducir ducido duj duzc", "volver vuelto volv vuelv", "salir salido sal salg",

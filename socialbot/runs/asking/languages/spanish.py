@@ -17,7 +17,10 @@ SPANISH = Language(
         "when": "cuando,a que hora,en que momento,desde cuando",
         "how_often": "cuantas veces,con que frecuencia,cada cuanto",
         "how_many": "cuantas,cuantos,cuanta,numero de",
-        "unanswerable": "que edad,que color,como,cuanto,a quien pertenece,pertenece,de quien es",
+        "unanswerable": (
+            "como se llama,como se llamaba,como te llamas,que edad,que color,como,cuanto,a quien pertenece,"
+            "pertenece,de quien es"
+        ),
         "not": "no,nunca,jamas,ningun,ninguna,tampoco,sin,olvidaste",
         "see": (
             "ves,viste,ver,visto,veias,miras,notas,notaste,delante de ti,visible,observas,observaste,camara,ve,vio,"
@@ -57,6 +60,7 @@ SPANISH = Language(
         "them": "lo,la,le,los,les,ella,el,ellos",
         "past": (
             "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
+            "hizo,hicieron,hacia,hacias,fueron,fuiste,iba,ibas,"
             "hasta ahora"
         ),
         "future": "vas a,haras,proximo,siguiente,despues,va a,vais a,van a,hareis,haran,hara",
