@@ -157,6 +157,8 @@ class NodeHost:
         self._ports = list(config.type.inputs())
         self._reliable: dict[Input[Any], str] = {}
         """Topics of inputs that get every message."""
+        self._mismatched: set[Input[Any]] = set()
+        """Inputs from outside with a publisher whose quality of service does not match."""
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
         self._services = HostedServices(self._ros, config, lambda: self.active_thread, self._transport)
@@ -274,6 +276,7 @@ class NodeHost:
                     qos=qos,
                     latched=port.delivery is Delivery.LATCHED,
                     now=self._clock.now,
+                    on_mismatch=functools.partial(self._report_mismatch, port) if outside else None,
                 )
             except InstallationError as error:
                 if not port.optional:
@@ -322,6 +325,7 @@ class NodeHost:
             self._connections,
             self._senders,
             self._latched,
+            self._mismatched,
             self._reliable,
         ):
             kept.clear()
@@ -392,7 +396,19 @@ class NodeHost:
         self.statistics.refusals[reason] += 1
         log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refusals[reason])
 
+    def _report_mismatch(self, port: Input[Any], _: object) -> None:
+        topic = self._config.topic(port)
+        reason = f"a publisher of {topic} is best effort: nothing arrives; give the input {port.name} Delivery.NEWEST"
+        self._ros.get_logger().warning(reason)
+        self._mismatched.add(port)
+        if self._thread is not None:
+            self._thread.note_mismatch(port, reason)
+
     def _receive(self, port: Input[Any], message: Message, info: Any) -> None:
+        if port in self._mismatched:
+            self._mismatched.discard(port)
+            if self._thread is not None:
+                self._thread.note_mismatch(port, "")
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
         if self.active_thread is not None:

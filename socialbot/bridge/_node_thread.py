@@ -20,7 +20,7 @@ from socialbot.core.messages import Health, Message
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
 from socialbot.graph.node import Node, NodeConfig, Timer, failure_text, outcome, start_failure
-from socialbot.graph.ports import Output
+from socialbot.graph.ports import Input, Output
 from socialbot.graph.services import ClientPort
 
 R = TypeVar("R")
@@ -161,6 +161,10 @@ class NodeThread:
     def note_server(self, port: ClientPort, topic: str, *, present: bool) -> None:
         """Notify the node, in its thread, that the server of a client is absent, or back."""
         self.queue.call_soon(InternalCall(self._health.note_server, port, topic, present=present))
+
+    def note_mismatch(self, port: Input[Any], reason: str) -> None:
+        """Report, in the thread of the node, why a publisher does not match an input; empty: messages arrive."""
+        self.queue.call_soon(InternalCall(self._health.note_mismatch, port, reason))
 
     def check_alive(self) -> None:
         """Request a call of ``on_alive`` by the thread; a hanging node does not answer."""

@@ -10,8 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from socialbot.bridge.environment import TOPIC_NAME
 from socialbot.bridge.qos import profile
+from socialbot.graph.ports import TOPIC_NAME
 
 T = TypeVar("T")
 

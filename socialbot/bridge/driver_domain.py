@@ -19,11 +19,11 @@ from socialbot.bridge.environment import (
     DRIVERS_VARIABLE,
     HIGHEST_DOMAIN,
     SPIN_TIMEOUT_S,
-    TOPIC_NAME,
     domain_number,
     ros_domain,
 )
 from socialbot.core.errors import ParameterError
+from socialbot.graph.ports import TOPIC_NAME
 
 _LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "", "ROS_DISCOVERY_SERVER": ""}
 """Variables of a participant that other machines neither find nor are looked for."""

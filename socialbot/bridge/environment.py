@@ -60,8 +60,6 @@ WHEELS: Mapping[str, str] = MappingProxyType(
 )
 """Tested versions of the ROS wheels, as in pyproject.toml."""
 
-TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 

@@ -30,7 +30,6 @@ from socialbot.bridge.driver_domain import DriverDomain, driver_domain
 from socialbot.bridge.environment import (
     KEYS_VARIABLE,
     OPEN_TOPICS_VARIABLE,
-    TOPIC_NAME,
     has_keys,
     ros_domain,
     ros_remedy,
@@ -41,7 +40,7 @@ from socialbot.core.errors import InstallationError, MessageError, ParameterErro
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import WireForm
-from socialbot.graph.ports import Delivery
+from socialbot.graph.ports import TOPIC_NAME, Delivery
 
 if TYPE_CHECKING:
     from socialbot.bridge.detached_seals import SealMatcher
@@ -275,6 +274,7 @@ class Transport:
         qos: Any,
         latched: bool = False,
         now: Callable[[], int] = lambda: 0,
+        on_mismatch: Callable[[Any], None] | None = None,
     ) -> Listener:
         """Subscribe the rclpy node ``ros`` to ``topic``, in the thread that spins it.
 
@@ -283,6 +283,8 @@ class Transport:
             refuse: Gets the reason for each other message.
             latched: Accept messages that are older than the subscription.
             now: Stamp (ns) of messages without one.
+            on_mismatch: Gets the event of rclpy for a publisher whose quality of service does not match; by default,
+                it is logged.
 
         Raises:
             InstallationError: The ROS type of ``kind`` is not installed.
@@ -299,7 +301,9 @@ class Transport:
                 else:
                     take(message, info)
 
-            return self.listen_bytes(ros, name, ros_class, take_bytes, refuse, qos=qos, latched=latched)
+            return self.listen_bytes(
+                ros, name, ros_class, take_bytes, refuse, qos=qos, latched=latched, on_mismatch=on_mismatch
+            )
         receiver = self.receiver(name, latched=latched)
 
         def receive(ros_message: Any, info: Any) -> None:
@@ -317,13 +321,12 @@ class Transport:
             receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
             receiver.opener.watch.keeps_all = qos.depth >= QUEUE_DEPTH[Delivery.EVERY]
             qos = sealed_qos(qos)
-        return Listener(
-            self.watched(
-                ros,
-                lambda note: ros.create_subscription(ros_class, name, noting(note, receive), qos),
-                receiver.opener,
-            )
-        )
+        events = _mismatch_events(on_mismatch)
+
+        def create(note: Note) -> Any:
+            return ros.create_subscription(ros_class, name, noting(note, receive), qos, event_callbacks=events)
+
+        return Listener(self.watched(ros, create, receiver.opener))
 
     def listen_bytes(
         self,
@@ -335,18 +338,22 @@ class Transport:
         *,
         qos: Any,
         latched: bool = False,
+        on_mismatch: Callable[[Any], None] | None = None,
     ) -> Listener:
         """Subscribe to serialised messages of a standard type, as `listen` does to decoded ones."""
         matcher = self.matcher(topic, take, refuse, latched=latched)
+        options = {"raw": True, "event_callbacks": _mismatch_events(on_mismatch)}
         # rclpy passes the information on a message only to a function with two parameters, which a partial hides.
         if matcher is None:
-            return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
+            return Listener(
+                ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, **options)
+            )
         from socialbot.bridge.detached_seals import seal_topic
 
         seal_qos = profile(SEALED_DEPTH, latched=latched)
 
         def messages(note: Note) -> Any:
-            return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, raw=True)
+            return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, **options)
 
         def seals(note: Note) -> Any:
             take_seal = noting(note, lambda text, _: matcher.take_seal(text.data))
@@ -476,6 +483,12 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
         _check_own_types()
     seal = _seal(environment) if has_keys(environment) else None
     return Transport(RclpyTypes(), seal, form, open_topics(environment), driver_domain(environment))
+
+
+def _mismatch_events(on_mismatch: Callable[[Any], None] | None) -> Any:
+    from rclpy.event_handler import SubscriptionEventCallbacks
+
+    return SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
 
 
 def open_topics(environment: MutableMapping[str, str] = os.environ) -> frozenset[str]:

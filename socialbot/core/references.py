@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 from socialbot.core.errors import GraphError, SocialbotError, described, place_of, suggestion
 
 _SOCIALBOT = Path(__file__).parents[1]
+_IN_FILE = re.compile(r":\d")  # a place with a line
 
 
 def load_reference(
@@ -50,10 +52,13 @@ def load_reference(
         remedy = f"install it, or put it {places}"
         raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
     except SocialbotError as mistake:
-        place = "" if mistake.where else place_of(mistake, str(_SOCIALBOT))
-        what = f"{mistake.what} ({place})" if place else mistake.what
-        raise error(f"{failure}: {what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
-    except Exception as mistake:
+        if _IN_FILE.search(mistake.where or ""):
+            raise error(f"{failure}: {mistake.what}", where=mistake.where, remedy=mistake.remedy) from mistake
+        what = f"{mistake.where}: {mistake.what}" if mistake.where else mistake.what
+        place = place_of(mistake, str(_SOCIALBOT))
+        what = f"{what} ({place})" if place else what
+        raise error(f"{failure}: {what}", where=where, remedy=mistake.remedy) from mistake
+    except (Exception, SystemExit) as mistake:
         raise error(
             f"{failure}: {described(mistake, str(_SOCIALBOT / 'core'))}",
             where=where,

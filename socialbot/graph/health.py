@@ -129,6 +129,8 @@ class HealthMonitor:
         self._reported: tuple[State, str] = ("ok", "")
         self._absent: dict[str, None] = {}
         """Services and actions without a server, in order."""
+        self._mismatches: dict[str, str] = {}
+        """Reasons why publishers do not match an input, by its name."""
         self._shown: Health | None = None
         self._beats = 0
         """Number of heartbeats."""
@@ -234,6 +236,14 @@ class HealthMonitor:
         self._show()
         self._node.on_server(port, present=present)
 
+    def note_mismatch(self, port: Input[Any], reason: str) -> None:
+        """Report why a publisher does not match an input; empty: messages arrive. Call it in the thread of the node."""
+        if reason:
+            self._mismatches[port.name] = reason
+        else:
+            self._mismatches.pop(port.name, None)
+        self._show()
+
     def say(self, state: State, reason: str) -> None:
         """Set the state and reason that the node reports."""
         self._reported = (state, reason)
@@ -255,10 +265,10 @@ class HealthMonitor:
                 if WORSE.index(its_state) > WORSE.index(state):
                     state = its_state
                 reason = f"{reason}; {its_reason}" if reason else its_reason
-        for topic in self._absent:
+        for its_reason in (*(f"no server of {topic}" for topic in self._absent), *self._mismatches.values()):
             if WORSE.index("degraded") > WORSE.index(state):
                 state = "degraded"
-            reason = f"{reason}; no server of {topic}" if reason else f"no server of {topic}"
+            reason = f"{reason}; {its_reason}" if reason else its_reason
         return Health(
             stamp=self._clock.now(),
             node=self._name,

@@ -22,7 +22,6 @@ from __future__ import annotations
 import logging
 import math
 import os
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,7 +33,7 @@ from socialbot.core.errors import GraphError, NodeError, ParameterError, Socialb
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
-from socialbot.graph.ports import NODE_NAME, Input, Output, Parameter
+from socialbot.graph.ports import NODE_NAME, TOPIC_NAME, Delivery, Input, Output, Parameter
 from socialbot.graph.services import ClientPort, ServerPort, check_services, recorded_topic
 from socialbot.graph.wizard import WizardKey
 
@@ -48,9 +47,6 @@ R = TypeVar("R")
 
 WireForm = Literal["json", "typed"]
 """Encoding of structured messages over ROS: JSON in std_msgs/String, or socialbot_msgs."""
-
-TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-"""The prefix ``~/`` is the namespace of the node: ``~/state`` of the node ``arm`` is ``/arm/state``."""
 
 
 class Timer:
@@ -284,6 +280,12 @@ def check_parameters(node_type: type[Node], given: Mapping[str, object], *, wher
     return values
 
 
+def check_topic(topic: str, where: str) -> None:
+    """Check the full name of a topic, service or action. Raises GraphError."""
+    if not TOPIC_NAME.fullmatch(topic):
+        raise GraphError(f"no valid topic: {topic!r}", where=where, remedy="use names of letters, digits and _")
+
+
 @dataclass(frozen=True)
 class NodeConfig:
     """Configuration of a node: name, type, parameters and remapped topics."""
@@ -306,25 +308,30 @@ class NodeConfig:
         place = self.place(graph)
         if not NODE_NAME.fullmatch(self.name):
             raise GraphError("no valid name for a node", where=place, remedy="use letters, digits and _")
-        for topic in self.remap.values():
-            if not TOPIC_NAME.fullmatch(topic):
-                raise GraphError(f"no valid topic: {topic!r}", where=place, remedy="use names of letters, digits and _")
-        ports = {*self.type.inputs(), *self.type.outputs(), *self.type.servers(), *self.type.clients()}
+        kind = self.type
+        ports = {**kind.inputs(), **kind.outputs(), **kind.servers(), **kind.clients()}
         for port in self.remap:
             if port not in ports:
                 raise GraphError(f"no input or output {port!r}", where=place, remedy=suggestion(port, ports))
-        for port in self.type.inputs().values():
+        for name, port in ports.items():
+            check_topic(self.topic(port, "receiver"), f"{place}.{name}")
+        for port in kind.inputs().values():
             if not port.handler:
                 remedy = f"decorate the method that handles its messages with @{port.name}"
                 raise GraphError(f"the input {port.name!r} has no handler", where=place, remedy=remedy)
-        check_parameters(self.type, self.parameters, where=place)
+        check_parameters(kind, self.parameters, where=place)
 
     def topic(self, port: Input[Any] | Output[Any] | ServerPort | ClientPort, receiver: str = "") -> str:
-        """The full topic of ``port``; with one topic per receiver, that of ``receiver``."""
+        """The full topic of ``port``; with one topic per receiver, that of ``receiver``.
+
+        The prefix ``~/`` is the namespace of the node: ``~/state`` of the node ``arm`` is ``/arm/state``.
+        """
         topic = self.remap.get(port.name, port.topic)
         if receiver and isinstance(port, Output):
             topic = topic.replace(f"{{{port.addressed_by}}}", receiver)
-        return f"/{self.name}{topic[1:]}" if topic.startswith("~") else topic
+        if topic.startswith("~/"):
+            return f"/{self.name}{topic[1:]}"
+        return topic if topic.startswith("/") else f"/{topic}"
 
     @property
     def subscriptions(self) -> list[tuple[str, Input[Any]]]:
@@ -408,6 +415,8 @@ class Graph:
             if not config.servers:
                 what = f"the stand-in {config.name} offers no service and no action"
                 raise GraphError(what, where=config.place(self.name), remedy="name it under 'nodes'")
+        for topic in sorted(self.inputs | self.services):
+            check_topic(topic, self.name)
         check_services(self.name, configs, self.services)
         for each in self.wizard:
             if each.agent and each.agent not in names:
@@ -420,6 +429,12 @@ class Graph:
         types: dict[str, tuple[type[Message], str]] = {}
         published = {topic for config in self.nodes for topic, _ in config.publications}
         sources = published.union(self.inputs)
+        unlatched = {
+            topic: config.name
+            for config in self.nodes
+            for topic, port in config.publications
+            if port.delivery is not Delivery.LATCHED
+        }
         for config in self.nodes:
             for topic, port in (*config.publications, *config.subscriptions):
                 message_type, first = types.setdefault(topic, (port.message_type, config.name))
@@ -432,6 +447,13 @@ class Graph:
                         f"{topic} is {one} for {first} but {other} for {config.name}",
                         where=config.place(self.name),
                         remedy="remap one of the two to another topic",
+                    )
+            for topic, port in config.subscriptions:
+                if port.delivery is Delivery.LATCHED and topic in unlatched:
+                    raise GraphError(
+                        f"{topic} is latched for {config.name} but not for {unlatched[topic]}, so it gets nothing",
+                        where=f"{config.place(self.name)}.{port.name}",
+                        remedy="give both ports Delivery.LATCHED, or neither",
                     )
             # One of an input and its alternatives is enough.
             fed = {(port.alternative_to or port).name for topic, port in config.subscriptions if topic in sources}

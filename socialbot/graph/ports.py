@@ -20,6 +20,9 @@ H = TypeVar("H", bound=Callable[..., None])
 
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
+TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+"""Full name of a topic, service or action."""
+
 
 FRESH_S = 0.5
 """Time (s) after which `Delivery.FRESH` gives a message up, with the repairs of its lost packets."""

@@ -28,7 +28,8 @@ from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.foreign_files import foreign_text
 from socialbot.core.yaml import YamlSection, expect_own, plain, read_page
-from socialbot.graph.node import NODE_NAME, TOPIC_NAME
+from socialbot.graph.node import NODE_NAME
+from socialbot.graph.ports import TOPIC_NAME
 from socialbot.robots.limits import WIDEST_RAD
 
 TESTED = ("hardware", "simulation", "none")
@@ -354,7 +355,7 @@ def _joint(head: YamlSection, key: str, base: JointProfile | None) -> JointProfi
 
 def _topic(section: YamlSection, key: str, default: str) -> str:
     name = section.text(key, default)
-    if name and not (name.startswith("/") and TOPIC_NAME.fullmatch(name)):
+    if name and not TOPIC_NAME.fullmatch(name):
         raise GraphError(
             f"{name!r} is no full name of a topic or action",
             where=section.line(key),

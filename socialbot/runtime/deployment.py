@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from socialbot.bridge.driver_domain import DriverDomain
-from socialbot.bridge.environment import HIGHEST_DOMAIN, TOPIC_NAME, Across
+from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.limits import TEXT_BYTES
@@ -24,6 +24,7 @@ from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
+from socialbot.graph.ports import TOPIC_NAME
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.vision.image_transport import ImageReceiver, ImageSender
 

@@ -293,3 +293,25 @@ def test_composed_nodes_use_dds_only_for_subscribers_outside(
         say("g")
         assert eventually(lambda: listener.node.heard == "abcdefg")
         assert over_dds == ["d", "e", "f"]
+
+
+def test_a_node_names_an_outside_publisher_that_is_best_effort() -> None:
+    from socialbot.bridge.qos import profile
+    from socialbot.bridge.transport import message_class, open_transport
+
+    graph = Graph("outside", (NodeConfig("listener", Listener),), inputs=frozenset({"/said"}))
+    with node_hosts(graph) as host, spinning_node("driver") as driver:
+        listener = host("listener")
+
+        def reason() -> str:
+            thread = listener.active_thread
+            return "" if thread is None or thread.health is None else thread.health.reason
+
+        text_class = message_class("std_msgs/msg/String")
+        driver.create_publisher(text_class, "/said", profile(10, reliable=False))
+        assert eventually(lambda: "/said is best effort" in reason())
+        assert "give the input said Delivery.NEWEST" in reason()
+        sender = open_transport().advertise(driver, "/said", Utterance)
+        assert eventually(lambda: sender.publisher.get_subscription_count() == 1)
+        sender.publish(Utterance(stamp=1, id="a", text="a"))
+        assert eventually(lambda: listener.node.heard == "a" and not reason())

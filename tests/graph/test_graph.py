@@ -51,6 +51,21 @@ class Louder(Echo):
     volume = Parameter(0.9, "loudness")
 
 
+class Shouting(Source):
+    """A source with a wrong topic."""
+
+    loud = Output(Utterance, "/said!")
+
+
+class Late(Node):
+    """Wants the last message."""
+
+    heard = Input(Utterance, "/said", Delivery.LATCHED)
+
+    @heard
+    def on_heard(self, message: Utterance) -> None: ...
+
+
 class Nodder(Node):
     """Moves when spoken to."""
 
@@ -214,6 +229,18 @@ def test_a_node_logs_under_its_name():
             ["/said is Utterance for a but HeadCommand for b", "remap"],
         ),
         ([NodeConfig("b", Echo, {}, {"status": "/said"}), NodeConfig("a", Source)], {}, ["/said is", "SpeechStatus"]),
+        *(
+            ([NodeConfig("a", Source, {}, {"said": topic})], {}, ["no valid topic: '/", "test: a.said"])
+            for topic in ("", "/", "/a b", "/bad-topic", "/a//b", "/a/", "/1a", "~a", "/\u00e4", "/{who}")
+        ),
+        (
+            [NodeConfig("a", Source), NodeConfig("b", Late)],
+            {},
+            ["test: b.heard: /said is latched for b but not for a", "give both ports Delivery.LATCHED"],
+        ),
+        ([NodeConfig("a", Shouting)], {}, ["no valid topic: '/said!'", "test: a.loud"]),
+        ([NodeConfig("a", Source)], {"inputs": frozenset({"/my camera"})}, ["no valid topic: '/my camera'"]),
+        ([NodeConfig("a", Source)], {"services": frozenset({"add"})}, ["no valid topic: 'add'"]),
         ([NodeConfig("a", Source)], {"paced_by": "/sayd"}, ["paced_by names /sayd", "did you mean '/said'?"]),
         ([NodeConfig("b", Echo)], {"inputs": frozenset({"/said"}), "paced_by": "/said"}, ["which no node publishes"]),
     ],
@@ -224,6 +251,13 @@ def test_a_graph_that_does_not_fit_together_is_refused(configs, more, words):
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert (caught.value.where or "").startswith("test")
     assert caught.value.remedy
+
+
+def test_a_topic_without_a_slash_is_that_of_ros():
+    whole = graph(
+        NodeConfig("a", Source, {}, {"said": "room/said"}), NodeConfig("b", Echo, {}, {"heard": "/room/said"})
+    )
+    assert whole.topics()["/room/said"] is Utterance
 
 
 def test_a_graph_lists_its_topics_and_their_types():

@@ -90,6 +90,14 @@ def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypat
             "from socialbot import variables\nX, Y = variables('X, Y')\n",
             ["'X,' is not a variable name (own_wrong_", ".py:2)"],
         ),
+        (
+            "from socialbot import Parameter\nParameter(5.0, 'size (m)', minimum=9.0)\n",
+            [
+                "parameter (size (m)): the default 5.0 is out of range (own_wrong_",
+                ".py:2)\n  remedy: give a value from 9.0",
+            ],
+        ),
+        ("import argparse\nargparse.ArgumentParser().parse_args(['-x'])\n", ["SystemExit: 2 (own_wrong_", ".py:2)"]),
     ],
 )
 def test_errors_in_modules_of_users_are_reported(text, words, tmp_path, monkeypatch):
@@ -101,6 +109,7 @@ def test_errors_in_modules_of_users_are_reported(text, words, tmp_path, monkeypa
     with pytest.raises(GraphError) as caught:
         load_graph(str(path))
     assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert caught.value.where == f"{path}:3"
 
 
 @pytest.mark.parametrize("name", graph_names())
