@@ -16,7 +16,7 @@ import psutil
 
 from evaluation.faults_deaths import GREETING, SPEECH
 from evaluation.faults_plan import GUARD, children, descendants, process_name
-from socialbot.bridge.environment import give_up, stale_locks
+from socialbot.bridge.environment import PROFILE_VARIABLE, give_up, stale_locks
 from socialbot.bridge.graph_observer import SpinWatch, observe_graph
 from socialbot.core.bounded_log import parts
 from socialbot.core.clock import SECOND
@@ -41,6 +41,19 @@ GROWTH, GROWTH_MB = 1.3, 30
 MOST_STALE = 10
 """Most segments of shared memory of ended processes: each crash removes those before it."""
 SAY = "/speech/say"
+PROFILE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+  <transport_descriptors><transport_descriptor>
+    <transport_id>udp</transport_id><type>UDPv4</type>
+    <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+  </transport_descriptor></transport_descriptors>
+  <participant profile_name="observer" is_default_profile="true"><rtps>
+    <userTransports><transport_id>udp</transport_id></userTransports>
+    <useBuiltinTransports>false</useBuiltinTransports>
+  </rtps></participant>
+</profiles></dds>
+"""
+"""DDS profile of the observer, which has the real time. Shared memory finds dead readers by the time of day, and each
+graph has its own."""
 PRESSURE = Path("/proc/pressure/cpu")
 LEAST_SHARE = 0.1
 
@@ -126,15 +139,23 @@ class Subject:
         return True
 
     def _observe_anew(self) -> None:
-        before = os.environ.get("ROS_DOMAIN_ID")
-        os.environ["ROS_DOMAIN_ID"] = str(self.domain)
+        profile = self.folder / "observer.xml"
+        profile.write_text(PROFILE, "utf-8")
+        variables = {
+            PROFILE_VARIABLE: str(profile),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",  # LOCALHOST adds shared memory
+            "ROS_DOMAIN_ID": str(self.domain),
+        }
+        before = {name: os.environ.get(name) for name in variables}
+        os.environ.update(variables)
         topics: dict[str, type[Message]] = {SAY: Utterance, SPEECH: SpeechStatus} if self.name == "waldo" else {}
         try:
             self._observer = self._observation.enter_context(observe_graph(topics, self._observe, self._note))
         finally:
-            os.environ.pop("ROS_DOMAIN_ID")
-            if before is not None:
-                os.environ["ROS_DOMAIN_ID"] = before
+            for name, value in before.items():
+                os.environ.pop(name)
+                if value is not None:
+                    os.environ[name] = value
         self._spin = SpinWatch(self._observer.ros)
 
     def pid(self, node: str) -> int:

@@ -17,7 +17,7 @@ from evaluation.chaos import VIOLATION_EXIT, _end
 from evaluation.chaos_checks import Check, FairClock, Subject, orphans, waited_s
 from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_plan import busy_processes
-from socialbot.bridge.environment import stale_locks
+from socialbot.bridge.environment import own_domain, stale_locks
 from tests.system.running import eventually, next_line
 
 
@@ -73,6 +73,25 @@ def test_each_violation_is_found(subject, monkeypatch):
     subject.process.kill()
     subject.process.wait()
     assert "waldo: up ended with code -9 after a test" in check.after("a test", now)
+
+
+OBSERVING = """
+import subprocess, sys
+from pathlib import Path
+from evaluation.chaos_checks import Subject
+folder = Path(sys.argv[1])
+subject = Subject("waldo", int(sys.argv[2]), subprocess.Popen(["true"]), folder, folder, None, has_guard=False)
+with subject.observed():
+    print(sum("/dev/shm/fast" in line for line in Path("/proc/self/maps").read_text().splitlines()))
+"""
+
+
+@pytest.mark.ros
+def test_the_observer_shares_no_memory_with_graphs_of_other_clocks(tmp_path):
+    with own_domain(environment={}) as domain:
+        command = [sys.executable, "-c", OBSERVING, str(tmp_path), str(domain)]
+        run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["0"]
 
 
 def test_a_missing_guard_is_found(subject, monkeypatch):
