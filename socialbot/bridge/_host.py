@@ -10,7 +10,7 @@ import functools
 import time
 import uuid
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -22,11 +22,12 @@ from rclpy.duration import Duration
 from rclpy.node import Node as RosNode
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock as RosClock
 from std_msgs.msg import String
 
+from socialbot.bridge import discovery
 from socialbot.bridge._callback_queue import IdleState
 from socialbot.bridge._lifecycle import (
     ACTIVE,
@@ -59,6 +60,7 @@ from socialbot.graph.ports import Delivery, Input, Output
 if TYPE_CHECKING:
     from socialbot.bridge.process import SupervisorChannel
 
+OUTSIDE_S = 2.0  # period of the look at publishers outside the graph
 HEARTBEAT_S = 0.5  # period of the state reports to a supervisor
 LAST_MESSAGES_S = 1.0  # longest time that the end of a node waits for the delivery of its last messages
 DDS_HOLD_S = 1.0  # time to keep a topic on DDS after its last outside subscriber, so that messages stay in order
@@ -157,8 +159,10 @@ class NodeHost:
         self._ports = list(config.type.inputs())
         self._reliable: dict[Input[Any], str] = {}
         """Topics of inputs that get every message."""
-        self._mismatched: set[Input[Any]] = set()
-        """Inputs from outside with a publisher whose quality of service does not match."""
+        self._outside: dict[Input[Any], tuple[str, str, QoSProfile]] = {}
+        """Topic, ROS type and quality of service of the inputs from outside."""
+        self._mismatches: dict[Input[Any], str] = {}
+        self._outside_timer = self._ros.create_timer(OUTSIDE_S, self._check_outside, clock=STEADY)
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
         self._services = HostedServices(self._ros, config, lambda: self.active_thread, self._transport)
@@ -237,6 +241,7 @@ class NodeHost:
         if self._is_finished:
             return
         self._is_finished = True
+        self._outside_timer.cancel()
         self._intra_process.remove(self)
         before = Counter(self._sent)
         if self._thread is not None:
@@ -276,7 +281,6 @@ class NodeHost:
                     qos=qos,
                     latched=port.delivery is Delivery.LATCHED,
                     now=self._clock.now,
-                    on_mismatch=functools.partial(self._report_mismatch, port) if outside else None,
                 )
             except InstallationError as error:
                 if not port.optional:
@@ -286,6 +290,10 @@ class NodeHost:
             self._listeners.append(listener)
             self._expected.append((topic, len(publishers(self._graph, topic)), listener))
             self._connections += listener_connections(self._graph, topic, listener)
+            if outside:
+                ros_class = self._transport.message_class(port.message_type)
+                package = ros_class.__module__.partition(".")[0]
+                self._outside[port] = name, f"{package}/msg/{ros_class.__name__}", qos
             self._intra_process.add(name, self, port)
             if qos.reliability is ReliabilityPolicy.RELIABLE:
                 self._reliable[port] = name
@@ -325,7 +333,8 @@ class NodeHost:
             self._connections,
             self._senders,
             self._latched,
-            self._mismatched,
+            self._outside,
+            self._mismatches,
             self._reliable,
         ):
             kept.clear()
@@ -396,19 +405,14 @@ class NodeHost:
         self.statistics.refusals[reason] += 1
         log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refusals[reason])
 
-    def _report_mismatch(self, port: Input[Any], _: object) -> None:
-        topic = self._config.topic(port)
-        reason = f"a publisher of {topic} is best effort: nothing arrives; give the input {port.name} Delivery.NEWEST"
-        self._ros.get_logger().warning(reason)
-        self._mismatched.add(port)
-        if self._thread is not None:
-            self._thread.note_mismatch(port, reason)
+    def _check_outside(self) -> None:
+        for port, (topic, kind, qos) in self._outside.items():
+            reason = _mismatch(discovery.publishers(self._ros, topic), topic, kind, qos, port.name)
+            if reason != self._mismatches.get(port, "") and self._thread is not None:
+                self._mismatches[port] = reason
+                self._thread.note_mismatch(port, reason)
 
     def _receive(self, port: Input[Any], message: Message, info: Any) -> None:
-        if port in self._mismatched:
-            self._mismatched.discard(port)
-            if self._thread is not None:
-                self._thread.note_mismatch(port, "")
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
         if self.active_thread is not None:
@@ -492,3 +496,14 @@ class NodeHost:
     def _report_active(self) -> None:
         if self._supervisor is not None:
             self._supervisor.send(self.name, ACTIVE, self._lost)
+
+
+def _mismatch(found: Collection[Any], topic: str, kind: str, qos: QoSProfile, port: str) -> str:
+    """Return the reason why none of the publishers ``found`` matches an input; empty if one does, or there is none."""
+    fitting = [each for each in found if each.topic_type == kind]
+    if found and not fitting:
+        return f"{topic} is {', '.join(sorted({each.topic_type for each in found}))}, not {kind}"
+    weak = [each for each in fitting if each.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT]
+    if fitting and weak == fitting and qos.reliability is ReliabilityPolicy.RELIABLE:
+        return f"the publisher of {topic} is best effort: nothing arrives; give the input {port} Delivery.NEWEST"
+    return ""

@@ -274,7 +274,6 @@ class Transport:
         qos: Any,
         latched: bool = False,
         now: Callable[[], int] = lambda: 0,
-        on_mismatch: Callable[[Any], None] | None = None,
     ) -> Listener:
         """Subscribe the rclpy node ``ros`` to ``topic``, in the thread that spins it.
 
@@ -283,8 +282,6 @@ class Transport:
             refuse: Gets the reason for each other message.
             latched: Accept messages that are older than the subscription.
             now: Stamp (ns) of messages without one.
-            on_mismatch: Gets the event of rclpy for a publisher whose quality of service does not match; by default,
-                it is logged.
 
         Raises:
             InstallationError: The ROS type of ``kind`` is not installed.
@@ -301,9 +298,7 @@ class Transport:
                 else:
                     take(message, info)
 
-            return self.listen_bytes(
-                ros, name, ros_class, take_bytes, refuse, qos=qos, latched=latched, on_mismatch=on_mismatch
-            )
+            return self.listen_bytes(ros, name, ros_class, take_bytes, refuse, qos=qos, latched=latched)
         receiver = self.receiver(name, latched=latched)
 
         def receive(ros_message: Any, info: Any) -> None:
@@ -321,12 +316,13 @@ class Transport:
             receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
             receiver.opener.watch.keeps_all = qos.depth >= QUEUE_DEPTH[Delivery.EVERY]
             qos = sealed_qos(qos)
-        events = _mismatch_events(on_mismatch)
-
-        def create(note: Note) -> Any:
-            return ros.create_subscription(ros_class, name, noting(note, receive), qos, event_callbacks=events)
-
-        return Listener(self.watched(ros, create, receiver.opener))
+        return Listener(
+            self.watched(
+                ros,
+                lambda note: ros.create_subscription(ros_class, name, noting(note, receive), qos),
+                receiver.opener,
+            )
+        )
 
     def listen_bytes(
         self,
@@ -338,22 +334,18 @@ class Transport:
         *,
         qos: Any,
         latched: bool = False,
-        on_mismatch: Callable[[Any], None] | None = None,
     ) -> Listener:
         """Subscribe to serialised messages of a standard type, as `listen` does to decoded ones."""
         matcher = self.matcher(topic, take, refuse, latched=latched)
-        options = {"raw": True, "event_callbacks": _mismatch_events(on_mismatch)}
         # rclpy passes the information on a message only to a function with two parameters, which a partial hides.
         if matcher is None:
-            return Listener(
-                ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, **options)
-            )
+            return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
         from socialbot.bridge.detached_seals import seal_topic
 
         seal_qos = profile(SEALED_DEPTH, latched=latched)
 
         def messages(note: Note) -> Any:
-            return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, **options)
+            return ros.create_subscription(ros_class, topic, noting(note, matcher.take_message), qos, raw=True)
 
         def seals(note: Note) -> Any:
             take_seal = noting(note, lambda text, _: matcher.take_seal(text.data))
@@ -483,12 +475,6 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
         _check_own_types()
     seal = _seal(environment) if has_keys(environment) else None
     return Transport(RclpyTypes(), seal, form, open_topics(environment), driver_domain(environment))
-
-
-def _mismatch_events(on_mismatch: Callable[[Any], None] | None) -> Any:
-    from rclpy.event_handler import SubscriptionEventCallbacks
-
-    return SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
 
 
 def open_topics(environment: MutableMapping[str, str] = os.environ) -> frozenset[str]:

@@ -295,23 +295,31 @@ def test_composed_nodes_use_dds_only_for_subscribers_outside(
         assert over_dds == ["d", "e", "f"]
 
 
-def test_a_node_names_an_outside_publisher_that_is_best_effort() -> None:
+@pytest.mark.parametrize(
+    ("kind", "reliable", "words"),
+    [
+        ("std_msgs/msg/String", False, "the publisher of /said is best effort: nothing arrives; give the input said"),
+        ("std_msgs/msg/Bool", True, "/said is std_msgs/msg/Bool, not std_msgs/msg/String"),
+    ],
+)
+def test_a_node_tells_why_no_publisher_outside_matches(
+    kind: str, reliable: bool, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from socialbot.bridge.qos import profile
     from socialbot.bridge.transport import message_class, open_transport
 
+    monkeypatch.setattr("socialbot.bridge._host.OUTSIDE_S", 0.1)
     graph = Graph("outside", (NodeConfig("listener", Listener),), inputs=frozenset({"/said"}))
-    with node_hosts(graph) as host, spinning_node("driver") as driver:
+    with node_hosts(graph) as host, spinning_node("driver") as driver, spinning_node("other") as other:
         listener = host("listener")
 
         def reason() -> str:
             thread = listener.active_thread
             return "" if thread is None or thread.health is None else thread.health.reason
 
-        text_class = message_class("std_msgs/msg/String")
-        driver.create_publisher(text_class, "/said", profile(10, reliable=False))
-        assert eventually(lambda: "/said is best effort" in reason())
-        assert "give the input said Delivery.NEWEST" in reason()
-        sender = open_transport().advertise(driver, "/said", Utterance)
-        assert eventually(lambda: sender.publisher.get_subscription_count() == 1)
+        driver.create_publisher(message_class(kind), "/said", profile(10, reliable=reliable))
+        assert eventually(lambda: words in reason())
+        sender = open_transport().advertise(other, "/said", Utterance)
+        assert eventually(lambda: sender.publisher.get_subscription_count() == 1 and not reason())
         sender.publish(Utterance(stamp=1, id="a", text="a"))
-        assert eventually(lambda: listener.node.heard == "a" and not reason())
+        assert eventually(lambda: listener.node.heard == "a")
