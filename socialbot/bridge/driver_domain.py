@@ -19,6 +19,7 @@ from socialbot.bridge.environment import (
     DRIVERS_VARIABLE,
     HIGHEST_DOMAIN,
     SPIN_TIMEOUT_S,
+    DomainNumber,
     domain_number,
     ros_domain,
 )
@@ -37,7 +38,7 @@ _changing = threading.Lock()
 class DriverDomain:
     """ROS domain of drivers, and the fully qualified names of their commands: topics, services and actions."""
 
-    domain: int
+    domain: DomainNumber
     topics: frozenset[str]
 
     def text(self) -> str:

@@ -20,8 +20,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 from weakref import WeakKeyDictionary
+
+import msgspec
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
@@ -44,6 +46,7 @@ PROFILE = Path(__file__).with_name("dds_profile.xml")
 
 WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")  # Fast DDS profile for several machines
 HIGHEST_DOMAIN = 232
+DomainNumber = Annotated[int, msgspec.Meta(ge=0, le=HIGHEST_DOMAIN)]
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 KEYS_VARIABLE = "SOCIALBOT_KEYS"

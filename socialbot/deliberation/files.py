@@ -28,20 +28,17 @@ import re
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin
+from typing import Any, Literal
 
 import msgspec
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
 from socialbot.core.paths import read_text, replace_file
 from socialbot.core.reading import read_bytes
-from socialbot.core.yaml import line_of, load_yaml, plain
-from socialbot.deliberation._fact_index import FactIndex, near
+from socialbot.core.yaml import YamlFile, YamlSection
+from socialbot.deliberation._fact_index import FactIndex
 from socialbot.deliberation._matching import unfit_condition
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.facts import FactBase
@@ -94,9 +91,6 @@ def load_rules(path: Source, domain: PddlDomain) -> tuple[ReactiveRule, ...]:
     return tuple(found.values())
 
 
-_Text = Annotated[str, msgspec.Meta(min_length=1)]
-
-
 class _Effect(msgspec.Struct, frozen=True, kw_only=True):
     set: Literal["belief", "desire"]
     operation: Literal["ADD", "DEL"]
@@ -113,25 +107,17 @@ _REQUIRED: Mapping[type, str] = {Fact: "pddl_type", FactCondition: "check"}
 """Fields that have a default in messages and none in files."""
 
 
-class _File:
+class _File(YamlFile):
     """A YAML file, with the lines of the structs that were read from it."""
 
     def __init__(self, path: Source) -> None:
-        self._path = path
+        super().__init__(str(path), PlanningError)
         self._lines: dict[int, int] = {}
 
-    def items(self, kind: Any) -> tuple[Any, ...]:
-        try:
-            page = load_yaml(YAML(typ="rt"), read_text(Path(self._path), PlanningError))
-        except MarkedYAMLError as error:
-            line = error.problem_mark.line + 1 if error.problem_mark else 1
-            self.fail(f"no valid YAML: {error.problem}", line, 'write names with * or {x} in quotes: "*", "{x}"')
-        except YAMLError as error:
-            raise PlanningError(f"no valid YAML: {error}", where=str(self._path)) from error
-        return self._read(tuple[kind, ...], page, 1, "")
-
-    def fail(self, what: str, line: int, remedy: str | None = None) -> NoReturn:
-        raise PlanningError(what, where=f"{self._path}:{line}", remedy=remedy)
+    def items(self, kind: type) -> tuple[Any, ...]:
+        """Read the list of the file."""
+        page = self.parse(read_text(Path(self.where), PlanningError))
+        return self.convert(msgspec.inspect.type_info(tuple[kind, ...]), page, 1)
 
     def check(self, part: object, reason: str | None) -> None:
         """Raise PlanningError for a reason that is not None; the part after its ``;`` is the remedy."""
@@ -144,57 +130,22 @@ class _File:
             self.check(part, reason)
 
     def effect(self, effect: _Effect, index: FactIndex) -> RuleEffect:
-        kind = Desire if effect.set == "desire" else Fact
-        value = self._read(kind, effect.value, self._lines[id(effect)], "value")
+        key, kind = ("desire", Desire) if effect.set == "desire" else ("fact", Fact)
+        value = self.convert(msgspec.inspect.type_info(kind), effect.value, self._lines[id(effect)])
         if effect.set == "desire":
             self.check_desire(value, index, index.unfit_pattern)
-        found = RuleEffect(operation=effect.operation, **{"desire" if effect.set == "desire" else "fact": value})
+        found = RuleEffect(operation=effect.operation, **{key: value})
         self.check(value, unfit_effect(found, index))
         return found
 
-    def _read(self, kind: Any, value: Any, line: int, key: str) -> Any:
-        """Convert a part of the file to a type; ``key`` names it in errors."""
-        if get_origin(kind) is tuple:
-            if value is None:
-                return ()
-            if not isinstance(value, CommentedSeq):
-                self.fail(f"expected a list, got {_described(value)}", line)
-            inner, found = get_args(kind)[0], enumerate(value)
-            return tuple(self._read(inner, item, line_of(value, number, line), key) for number, item in found)
-        if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-            return self._struct(kind, value, line)
-        if kind is Any:
-            return value
-        if get_origin(kind) is Literal and (isinstance(value, (bool, float)) or value not in get_args(kind)):
-            choices = ", ".join(map(str, get_args(kind)))
-            self.fail(f"{key!r} must be one of {choices}, got {_described(value)}", line)
-        try:
-            return msgspec.convert(plain(value), _Text if kind is str else kind)
-        except msgspec.ValidationError as error:
-            hint = 'write "{x}" in quotes' if kind is str else None
-            bound = re.search(r"[<>]= .*", str(error))
-            wanted = "a text" if kind is str else f"a number {bound[0]}" if bound else "a number"
-            self.fail(f"{key!r} must be {wanted}, got {_described(value)}", line, hint)
-
-    def _struct(self, kind: type[msgspec.Struct], value: Any, line: int) -> Any:
-        if value is None and kind is Dnf:
-            return Dnf()
-        fields = {field.name: field for field in msgspec.structs.fields(kind)}
-        if not isinstance(value, CommentedMap):
-            self.fail(f"expected names with values, got {_described(value)}", line, f"there may be {', '.join(fields)}")
-        for key in value:
-            if key not in fields:
-                self.fail(f"unknown key {key!r}", line_of(value, key, line), near(str(key), fields))
-        given = {}
-        for name, field in fields.items():
-            if name in value:
-                given[name] = self._read(field.type, value[name], line_of(value, name, line, value=True), name)
-            elif field.required or _REQUIRED.get(kind) == name:
-                self.fail(f"{name!r} is missing", line)
-        found = kind(**given)
+    def made(self, found: Any, section: YamlSection) -> Any:
+        """Check and complete a struct that was read, and keep its line."""
+        needed = _REQUIRED.get(type(found))
+        if needed and needed not in section.page:
+            self.fail(f"{needed!r} is missing", section.start)
         if isinstance(found, Fact):
-            found = self._fact(found, line)
-        self._lines[id(found)] = line
+            found = self._fact(found, section.start)
+        self._lines[id(found)] = section.start
         return found
 
     def _fact(self, fact: Fact, line: int) -> Fact:
@@ -210,12 +161,6 @@ class _File:
 def _lower(name: str) -> str:
     """Return a name in lower case, except its variables."""
     return re.sub(r"\{\w+\}|[^{]+|\{", lambda part: part[0] if part[0][0] == "{" else part[0].lower(), name)
-
-
-def _described(value: object) -> str:
-    if isinstance(value, Mapping):
-        return "names with values"
-    return "a list" if isinstance(value, list) else "nothing" if value is None else repr(value)
 
 
 class SavedDesire(msgspec.Struct, frozen=True, kw_only=True):

@@ -25,15 +25,17 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.references import load_reference, look_in
-from socialbot.core.yaml import YamlSection, plain, read_page
+from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
-from socialbot.graph.wizard import read_wizard, wizard_page
+from socialbot.graph.wizard import WizardEntry, read_wizard, wizard_page
 
 MESSAGE_FORMS: Mapping[str, tuple[WireForm, bool]] = {
     "json": ("json", False),
@@ -44,6 +46,26 @@ MESSAGE_FORMS: Mapping[str, tuple[WireForm, bool]] = {
 
 FOREIGN_NODE = "foreign_node"
 """Registered type of the watch of a node outside the graph."""
+
+
+class _Node(msgspec.Struct):
+    type: str
+    parameters: dict[str, Any] = {}
+    remap: dict[str, str] = {}
+
+
+class _Page(msgspec.Struct):
+    nodes: dict[str, _Node]
+    name: str
+    inputs: frozenset[str] = frozenset()
+    paced_by: str = ""
+    messages: str | None = None
+    wire: str | None = None
+    services: frozenset[str] = frozenset()
+    needs: dict[str, dict[str, Any]] = {}
+    stand_ins: dict[str, _Node] = {}
+    wizard: dict[str, WizardEntry] = {}
+    robot: str | dict[str, Any] | None = None
 
 
 def load_graph(name: str | Path, *, robot: str | Path = "") -> Graph:
@@ -72,50 +94,29 @@ def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None =
     ``robot`` is the name or file of a robot profile, in place of that of the text, whose files start at ``folder``.
     """
     root = read_page(text, where=where)
-    known = (
-        "name",
-        "inputs",
-        "paced_by",
-        "messages",
-        "wire",
-        "services",
-        "needs",
-        "nodes",
-        "stand_ins",
-        "wizard",
-        "robot",
-    )
-    root.only(*known)
-    configs, stand_ins = (
-        tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
-        for section in (root.section("nodes"), root.section("stand_ins", {}))
-    )
+    page = root.read(_Page)
     graph = Graph(
-        name=root.text("name"),
-        nodes=(*configs, *_watches(root.section("needs", {}))),
-        inputs=frozenset(root.texts("inputs")),
-        services=frozenset(root.texts("services")),
-        stand_ins=stand_ins,
-        wizard=read_wizard(root.section("wizard", {})),
+        name=page.name,
+        nodes=(*_configs(root, "nodes", page.nodes), *_watches(root, page.needs)),
+        inputs=page.inputs,
+        services=page.services,
+        stand_ins=tuple(_configs(root, "stand_ins", page.stand_ins)),
+        wizard=read_wizard(root, page.wizard),
     )
-    for key in ("messages", "wire"):
-        if key == "wire" and {"messages", "wire"} <= root.page.keys():
-            raise GraphError("'wire' is the old name of 'messages'", where=root.line(key), remedy="leave 'wire' out")
-        if key in root.page:
-            graph = with_messages(graph, root.text(key), where=root.line(key))
+    if page.messages is not None and page.wire is not None:
+        raise GraphError("'wire' is the old name of 'messages'", where=root.line("wire"), remedy="leave 'wire' out")
+    for key, form in (("messages", page.messages), ("wire", page.wire)):
+        if form is not None:
+            graph = with_messages(graph, form, where=root.line(key))
     try:
-        graph = replace(graph, paced_by=root.text("paced_by", ""))
+        graph = replace(graph, paced_by=page.paced_by)
     except GraphError as error:
         raise GraphError(error.what, where=root.line("paced_by"), remedy=error.remedy) from error
-    return _with_robot(graph, root, robot, folder)
-
-
-def _with_robot(graph: Graph, root: YamlSection, robot: str, folder: Path | None) -> Graph:
     if robot:
         return registry.robot_binding()(graph, robot, where="--robot")
-    if "robot" not in root.page:
+    if page.robot is None:
         return graph
-    named = root.text("robot") if isinstance(root.page["robot"], str) else root.section("robot")
+    named = page.robot if isinstance(page.robot, str) else root.section("robot")
     return registry.robot_binding()(graph, named, where=root.line("robot"), folder=folder)
 
 
@@ -180,30 +181,23 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
     return found
 
 
-def _config(name: str, section: YamlSection, where: str) -> NodeConfig:
-    section.only("type", "parameters", "remap")
-    remap = section.section("remap", {})
-    return NodeConfig(
-        name=name,
-        type=node_type(section.text("type"), where=section.line("type")),
-        parameters={str(key): plain(value) for key, value in section.section("parameters", {}).page.items()},
-        remap={str(port): remap.text(port) for port in remap.page},
-        where=where,
-    )
+def _configs(root: YamlSection, key: str, nodes: Mapping[str, _Node]) -> Iterator[NodeConfig]:
+    for name, node in nodes.items():
+        kind = node_type(node.type, where=root.line(key, name, "type"))
+        yield NodeConfig(name, kind, node.parameters, node.remap, root.line(key, name))
 
 
-def _watches(needs: YamlSection) -> Iterator[NodeConfig]:
+def _watches(root: YamlSection, needs: Mapping[str, Mapping[str, Any]]) -> Iterator[NodeConfig]:
     """Yield a watch for each node that the graph needs, with parameters such as ``state`` and ``manage``."""
-    for key in needs.page:
-        given, where = needs.section(key), needs.line(key)
-        full = f"/{str(key).lstrip('/')}"
-        if "node" in given.page:
+    for key, given in needs.items():
+        full, where = f"/{key.lstrip('/')}", root.line("needs", key)
+        if "node" in given:
             raise GraphError("the name of the node is its key", where=where, remedy="leave 'node' out")
         watch = node_type(FOREIGN_NODE, where=where)
         yield NodeConfig(
             name=f"{full.strip('/').replace('/', '_')}_watch",
             type=watch,
-            parameters={"node": full, **{str(name): plain(value) for name, value in given.page.items()}},
+            parameters={"node": full, **given},
             remap={name: f"{full}{port.topic[1:]}" for name, port in watch.clients().items()},
             where=where,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
@@ -39,24 +39,34 @@ class WizardKey(msgspec.Struct, frozen=True):
     agent: str = ""
 
 
-def read_wizard(section: YamlSection) -> tuple[WizardKey, ...]:
+class WizardEntry(msgspec.Struct):
+    """Entry of a key in a graph file: one command with its text, label and agent."""
+
+    label: str | None = None
+    agent: str = ""
+    say: str | None = None
+    believe: str | None = None
+    achieve: str | None = None
+
+
+def read_wizard(root: YamlSection, entries: Mapping[str, WizardEntry]) -> tuple[WizardKey, ...]:
     """Return the keys of the section ``wizard`` of a graph file. Raises GraphError."""
-    return tuple(_key(str(key), section.section(key), section.line(key)) for key in section.page)
+    return tuple(_key(key, entry, root) for key, entry in entries.items())
 
 
-def _key(key: str, section: YamlSection, where: str) -> WizardKey:
-    commands = get_args(WizardCommand)
-    section.only("label", "agent", *commands)
+def _key(key: str, entry: WizardEntry, root: YamlSection) -> WizardKey:
+    where = root.line("wizard", key)
     if not _KEY.fullmatch(key) or key in RESERVED:
         raise GraphError(f"no valid key: {key!r}", where=where, remedy="use a letter from a to z, but not w")
-    given = [command for command in commands if command in section.page]
+    commands = get_args(WizardCommand)
+    given = [(command, text) for command in commands if (text := getattr(entry, command)) is not None]
     if len(given) != 1:
         raise GraphError(f"key {key!r} needs one command", where=where, remedy=f"give one of {', '.join(commands)}")
-    text = section.text(given[0]).strip()
-    if not text:
-        raise GraphError(f"{given[0]!r} is empty", where=section.line(given[0]))
-    label = section.text("label", f"{given[0]} {text}")
-    return WizardKey(key, label, given[0], text, section.text("agent", ""))
+    [(command, text)] = given
+    if not text.strip():
+        raise GraphError(f"{command!r} is empty", where=root.line("wizard", key, command))
+    label = f"{command} {text.strip()}" if entry.label is None else entry.label
+    return WizardKey(key, label, command, text.strip(), entry.agent)
 
 
 def wizard_page(keys: Sequence[WizardKey]) -> dict[str, dict[str, str]]:

@@ -18,25 +18,33 @@ An agent package names its profiles in its declaration: ``AgentPackage(robots={"
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.foreign_files import foreign_text
-from socialbot.core.yaml import YamlSection, expect_own, plain, read_page
+from socialbot.core.yaml import YamlSection, expect_own, read_page
 from socialbot.graph.node import NODE_NAME
 from socialbot.graph.ports import TOPIC_NAME
 from socialbot.robots.limits import WIDEST_RAD
 
-TESTED = ("hardware", "simulation", "none")
+Tested = Literal["hardware", "simulation", "none"]
 """How a profile was tested."""
 
-FASTEST_RAD_S = 10.0
-"""Highest speed that a profile may allow."""
+_Angle = Annotated[float, msgspec.Meta(ge=-WIDEST_RAD, le=WIDEST_RAD)]
+_Speed = Annotated[float, msgspec.Meta(ge=0.01, le=10.0)]
+_Name = Annotated[
+    str,
+    msgspec.Meta(
+        pattern=f"({TOPIC_NAME.pattern})?",
+        description="a full name of a topic or action; begin with /, and use letters, digits and _",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -52,10 +60,10 @@ class JointProfile:
     """
 
     joint: str
-    lower_rad: float
-    upper_rad: float
-    speed_rad_s: float
-    sign: int = 1
+    lower_rad: _Angle
+    upper_rad: _Angle
+    speed_rad_s: _Speed
+    sign: Literal[1, -1] = 1
 
     @property
     def reach_rad(self) -> float:
@@ -79,15 +87,15 @@ class CameraProfile:
         hfov_rad: Horizontal field of view of a device.
     """
 
-    image: str = ""
-    compressed: str = ""
-    info: str = ""
+    image: _Name = ""
+    compressed: _Name = ""
+    info: _Name = ""
     device: str = ""
     type: str = ""
     on_head: bool = False
-    height_m: float = 0.0
-    pitch_rad: float = 2.0
-    hfov_rad: float = 1.09
+    height_m: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    pitch_rad: Annotated[float, msgspec.Meta(ge=-1.5, le=2.0)] = 2.0
+    hfov_rad: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)] = 1.09
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class RobotProfile:
     Attributes:
         name: Name for ``--robot``.
         title: Name for people.
-        tested: How the profile was tested: one of `TESTED`.
+        tested: How the profile was tested.
         hint: How to start the drivers of the robot, for ``socialbot doctor``.
         url: Address of the robot's daemon, if it has one.
         where: File of the profile.
@@ -130,7 +138,7 @@ class RobotProfile:
 
     name: str
     title: str = ""
-    tested: str = "none"
+    tested: Tested = "none"
     hint: str = ""
     url: str = ""
     camera: CameraProfile | None = None
@@ -220,22 +228,18 @@ def read_profile(
     """
     root.only(*_PROFILE_KEYS, "like")
     if "like" in root.page:
-        base = load_profile(root.text("like"), folder=folder, changed_by=(*changed_by, where))
+        base = load_profile(root.value("like", str), folder=folder, changed_by=(*changed_by, where))
     else:
-        base = RobotProfile(name=root.text("name", name))
+        base = RobotProfile(name=root.value("name", str, msgspec.NODEFAULT if name is None else name))
     if not NODE_NAME.fullmatch(base.name):
         raise GraphError(
             f"{base.name!r} is no name of a robot", where=root.line("name"), remedy="use letters, digits and _"
         )
     given: dict[str, Any] = {
-        key: root.text(key, getattr(base, key))
+        key: root.value(key, Tested if key == "tested" else str)
         for key in ("name", "title", "hint", "tested", "url")
         if key in root.page
     }
-    if given.get("tested", "none") not in TESTED:
-        raise GraphError(
-            f"'tested' is {given['tested']!r}", where=root.line("tested"), remedy=f"write one of {', '.join(TESTED)}"
-        )
     if "camera" in root.page:
         given["camera"] = _camera(root.section("camera"), base.camera)
     for part in NAMES:
@@ -245,18 +249,7 @@ def read_profile(
 
 
 def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
-    usual = base or CameraProfile()
-    section.only(*CameraProfile.__dataclass_fields__)
-    values: dict[str, Any] = {key: _topic(section, key, getattr(usual, key)) for key in ("image", "compressed", "info")}
-    camera = CameraProfile(
-        **values,
-        device=section.text("device", usual.device),
-        type=section.text("type", usual.type),
-        on_head=section.flag("on_head", usual.on_head),
-        height_m=section.number("height_m", usual.height_m, minimum=0.0, maximum=10.0),
-        pitch_rad=section.number("pitch_rad", usual.pitch_rad, minimum=-1.5, maximum=2.0),
-        hfov_rad=section.number("hfov_rad", usual.hfov_rad, minimum=0.1, maximum=3.0),
-    )
+    camera = section.read(CameraProfile, vars(base) if base else {})
     if bool(camera.device) == bool(camera.image or camera.compressed):
         raise GraphError(
             "a camera needs topics or a device, not both" if camera.device else "the camera has no images",
@@ -275,7 +268,7 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
         raise GraphError(
             f"{kind} has no type", where=section.where, remedy=f"write type: one of {', '.join(NAMES[kind])}"
         )
-    chosen = section.text("type", base.type if base else None)
+    chosen = section.value("type", str, base.type if base else msgspec.NODEFAULT)
     known = NAMES[kind]
     own = ":" in chosen or (chosen not in known and registry.node_reference(chosen) is not None)
     if chosen not in known and not own:
@@ -289,11 +282,10 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
     joints = ("pan", "tilt") if kind == "head" else ()
     extra = ("remap",) if own else ()
     section.only("type", "parameters", *names, *settings, *joints, *extra)
-    found = {key: _topic(section, key, usual.names.get(key, "") if usual else _USUAL.get(chosen, {}).get(key, ""))
-             for key in names}  # fmt: skip
+    before = usual.names if usual else _USUAL.get(chosen, {})
+    found = {key: section.value(key, _Name, before.get(key, "")) for key in names}
     if own:
-        remap = section.section("remap", {})
-        found = {**(usual.names if usual else {}), **{str(port): remap.text(port) for port in remap.page}}
+        found = {**before, **section.value("remap", dict[str, str], {})}
     for key in _NEEDED.get(chosen, ()):
         if not found[key]:
             raise GraphError(f"{key!r} is missing", where=section.where, remedy=f"give the {key} of the robot's driver")
@@ -307,11 +299,12 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
         "type": chosen,
         "names": {key: name for key, name in found.items() if name},
         "settings": {
-            key: section.text(key, usual.settings[key] if usual else default) for key, (_, default) in settings.items()
+            key: section.value(key, form, usual.settings[key] if usual else default)
+            for key, (form, default) in settings.items()
         },
         "parameters": {
             **(usual.parameters if usual else {}),
-            **{str(key): plain(value) for key, value in section.section("parameters", {}).page.items()},
+            **section.value("parameters", dict[str, Any], {}),
         },
     }
     if kind != "head":
@@ -332,33 +325,8 @@ def _joint(head: YamlSection, key: str, base: JointProfile | None) -> JointProfi
     if key not in head.page and base is not None:
         return base
     section = head.section(key)
-    section.only(*JointProfile.__dataclass_fields__)
-    usual = base or JointProfile("", math.nan, math.nan, math.nan)
-    for needed in ("joint", "lower_rad", "upper_rad", "speed_rad_s"):
-        if needed not in section.page and base is None:
-            raise GraphError(
-                f"{needed!r} is missing", where=section.where, remedy="write the limits of the robot's data sheet"
-            )
-    lower = section.number("lower_rad", usual.lower_rad, minimum=-WIDEST_RAD, maximum=WIDEST_RAD)
-    joint = JointProfile(
-        joint=section.text("joint", usual.joint),
-        lower_rad=lower,
-        upper_rad=section.number("upper_rad", usual.upper_rad, minimum=-WIDEST_RAD, maximum=WIDEST_RAD),
-        speed_rad_s=section.number("speed_rad_s", usual.speed_rad_s, minimum=0.01, maximum=FASTEST_RAD_S),
-        sign=section.whole("sign", usual.sign, minimum=-1, maximum=1),
-    )
-    if joint.sign == 0 or not joint.lower_rad <= 0.0 <= joint.upper_rad:
-        what = "'sign' must be 1 or -1" if joint.sign == 0 else "0 is not between lower_rad and upper_rad"
-        raise GraphError(what, where=section.where, remedy="write limits around the straight pose, and sign: 1 or -1")
+    joint = section.read(JointProfile, vars(base) if base else {})
+    if not joint.lower_rad <= 0.0 <= joint.upper_rad:
+        what, remedy = "0 is not between lower_rad and upper_rad", "write limits around the straight pose"
+        raise GraphError(what, where=section.where, remedy=remedy)
     return joint
-
-
-def _topic(section: YamlSection, key: str, default: str) -> str:
-    name = section.text(key, default)
-    if name and not TOPIC_NAME.fullmatch(name):
-        raise GraphError(
-            f"{name!r} is no full name of a topic or action",
-            where=section.line(key),
-            remedy="begin with /, and use letters, digits and _",
-        )
-    return name

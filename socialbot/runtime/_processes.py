@@ -14,7 +14,9 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Annotated, BinaryIO, Protocol
+
+import msgspec
 
 from socialbot.bridge import environment
 from socialbot.bridge.process import CHANNEL_VARIABLE
@@ -230,6 +232,9 @@ def failure(name: str, code: int, log: Path) -> SocialbotError:
     return error
 
 
+_Seconds = Annotated[float, msgspec.Meta(ge=0.01, le=1e6)]
+
+
 @dataclass(frozen=True)
 class RestartPolicy:
     """Restart policy of a supervisor. Times are in s.
@@ -240,12 +245,12 @@ class RestartPolicy:
     during startup the limit is ``ready_s``.
     """
 
-    times: int = 5
-    within_s: float = 60.0
-    first_s: float = 0.2
-    longest_s: float = 5.0
-    hung_s: float = 10.0
-    ready_s: float = 60.0
+    times: Annotated[int, msgspec.Meta(ge=0, le=10**6)] = 5
+    within_s: _Seconds = 60.0
+    first_s: _Seconds = 0.2
+    longest_s: _Seconds = 5.0
+    hung_s: _Seconds = 10.0
+    ready_s: _Seconds = 60.0
 
 
 class RestartBackoff:

@@ -6,14 +6,16 @@ import ipaddress
 import os
 import re
 import socket
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from socialbot.bridge.driver_domain import DriverDomain
-from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
+from socialbot.bridge.environment import HIGHEST_DOMAIN, Across, DomainNumber
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.limits import TEXT_BYTES
@@ -21,7 +23,7 @@ from socialbot.core.messages import Image, Structured
 from socialbot.core.process_settings import ProcessSettings
 from socialbot.core.reading import read_bytes
 from socialbot.core.registry import graph_names
-from socialbot.core.yaml import YamlSection, plain, read_page
+from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import NODE_NAME, Graph, NodeConfig, check_parameters
 from socialbot.graph.ports import TOPIC_NAME
@@ -274,20 +276,52 @@ def is_own(address: str) -> bool:
     return True
 
 
-_KEYS = (
-    "graph",
-    "domain",
-    "discovery",
-    "machines",
-    "nodes",
-    "pictures",
-    "restart",
-    "processes",
-    "security",
-    "minds",
-    "parameters",
-    "robot",
-)
+_Topic = Annotated[
+    str, msgspec.Meta(pattern=TOPIC_NAME.pattern, description="a full topic name; write it as in /camera/image_raw")
+]
+
+
+class _Machine(msgspec.Struct):
+    address: str
+
+
+class _Server(msgspec.Struct):
+    server: str
+
+
+_Discovery = Annotated[Literal["peers"] | _Server, msgspec.Meta(description="peers, or {server: MACHINE}")]
+
+
+class _Pictures(msgspec.Struct):
+    transport: Transport = "jpeg"
+    quality: Any = msgspec.UNSET
+    least_quality: Any = msgspec.UNSET
+    rate_hz: Any = msgspec.UNSET
+
+    def pictures(self) -> Pictures:
+        given = {name: value for name, value in msgspec.structs.asdict(self).items() if value is not msgspec.UNSET}
+        return Pictures(given.pop("transport"), given)
+
+
+class _Security(msgspec.Struct):
+    keys: str
+    open: tuple[_Topic, ...] = ()
+    drivers: DriverDomain | None = None
+
+
+class _Page(msgspec.Struct):
+    graph: str
+    machines: dict[str, _Machine]
+    nodes: dict[str, str]
+    domain: DomainNumber = 0
+    discovery: _Discovery = "peers"
+    pictures: dict[str, _Pictures] = {}
+    restart: RestartPolicy = RestartPolicy()
+    processes: dict[str, ProcessSettings] = {}
+    security: _Security | None = None
+    minds: str | None = None
+    parameters: dict[str, dict[str, Any]] = {}
+    robot: str = ""
 
 
 def is_deployment(name: str) -> bool:
@@ -315,35 +349,36 @@ def load_deployment(path: Path, *, robot: str = "") -> Deployment:
 def parse_deployment(text: str, *, where: str, folder: Path, robot: str = "") -> Deployment:
     """Parse a deployment from YAML. Errors name the source ``where``; relative paths start at ``folder``."""
     root = read_page(text, where=where)
-    root.only(*_KEYS)
-    graph = _graph(root, folder, robot)
+    page = root.read(_Page)
+    graph = _graph(root, page, folder, robot)
     try:
         return Deployment(
             written=graph,
-            machines={name: _only(section, "address") for name, section in _sections(root.section("machines"))},
-            places={str(node): root.section("nodes").text(node) for node in root.section("nodes").page},
-            domain=root.whole("domain", 0, minimum=0, maximum=HIGHEST_DOMAIN),
-            server=_server(root),
-            pictures=_pictures(root.section("pictures", {})),
-            restart=_restart(root.section("restart", {})),
-            open_topics=_open_topics(root),
-            keys=folder / root.section("security").text("keys") if "security" in root.page else None,
-            processes=_processes(root.section("processes", {})),
-            drivers=_drivers(root.section("security", {})),
-            minds=folder / root.text("minds") if "minds" in root.page else None,
+            machines={name: machine.address for name, machine in page.machines.items()},
+            places=page.nodes,
+            domain=page.domain,
+            server=_server(root, page.discovery),
+            pictures={topic: one.pictures() for topic, one in page.pictures.items()},
+            restart=page.restart,
+            open_topics=page.security.open if page.security else (),
+            keys=folder / page.security.keys if page.security else None,
+            processes=page.processes,
+            drivers=page.security.drivers if page.security else None,
+            minds=None if page.minds is None else folder / page.minds,
         )
     except (GraphError, ParameterError) as error:
         first, _, rest = (error.where or "").partition(".")
-        if first not in _KEYS:
+        if first not in root.page:
             raise
         name, _, setting = rest.rpartition(".")
         place = root.line(first, name, setting) if name else root.line(first, rest)
         raise type(error)(error.what, where=place, remedy=error.remedy) from error
 
 
-def _graph(root: YamlSection, folder: Path, robot: str) -> Graph:
-    name = root.text("graph")
-    robot = robot or _robot(root, folder)
+def _graph(root: YamlSection, page: _Page, folder: Path, robot: str) -> Graph:
+    name = page.graph
+    beside = page.robot and (folder / page.robot).is_file()
+    robot = robot or (str(folder / page.robot) if beside else page.robot)
     try:
         graph = load_graph(name if name in graph_names() else str(folder / name), robot=robot)
     except GraphError as error:
@@ -352,110 +387,19 @@ def _graph(root: YamlSection, folder: Path, robot: str) -> Graph:
         raise GraphError(
             f"no graph {name!r}", where=root.line("graph"), remedy=suggestion(name, graph_names())
         ) from error
-    section = root.section("parameters", {})
-    parameters = {node: {str(k): plain(v) for k, v in each.page.items()} for node, each in _sections(section)}
-    for node, values in parameters.items():
+    for node, values in page.parameters.items():
         names = [config.name for config in graph.nodes]
-        _check_known(f"no node {node!r}", node, names, section.line(node))
+        _check_known(f"no node {node!r}", node, names, root.line("parameters", node))
         for name, value in values.items():
-            check_parameters(graph.node(node).type, {name: value}, where=section.line(node, name))
-    return graph.with_parameters(parameters)
+            check_parameters(graph.node(node).type, {name: value}, where=root.line("parameters", node, name))
+    return graph.with_parameters(page.parameters)
 
 
-def _robot(root: YamlSection, folder: Path) -> str:
-    """The name of a robot profile, or the path of its file beside the deployment; empty if none is named."""
-    named = root.text("robot", "")
-    return str(folder / named) if named and (folder / named).is_file() else named
-
-
-def _sections(section: YamlSection) -> Iterator[tuple[str, YamlSection]]:
-    return ((str(name), section.section(name)) for name in section.page)
-
-
-def _only(section: YamlSection, key: str) -> str:
-    """The text of ``key``, the only key of ``section``."""
-    section.only(key)
-    return section.text(key)
-
-
-def _open_topics(root: YamlSection) -> tuple[str, ...]:
-    section = root.section("security", {})
-    section.only("keys", "open", "drivers")
-    names = section.texts("open") if "open" in section.page else []
-    for name in names:
-        if not TOPIC_NAME.fullmatch(name):
-            raise GraphError(
-                f"{name!r} is not a full topic name",
-                where=section.line("open"),
-                remedy="write a list such as [/camera/image_raw]",
-            )
-    return tuple(names)
-
-
-def _drivers(security: YamlSection) -> DriverDomain | None:
-    if "drivers" not in security.page:
+def _server(root: YamlSection, discovery: str | _Server) -> Server | None:
+    if isinstance(discovery, str):
         return None
-    section = security.section("drivers")
-    section.only("domain", "topics")
-    if missing := {"domain", "topics"} - section.page.keys():
-        remedy = "write {domain: 43, topics: [/head_controller/joint_trajectory]}"
-        raise GraphError(f"{min(missing)!r} is missing", where=section.line(), remedy=remedy)
-    domain = section.whole("domain", 0, minimum=0, maximum=HIGHEST_DOMAIN)
-    return DriverDomain(domain, frozenset(section.texts("topics")))
-
-
-def _server(root: YamlSection) -> Server | None:
-    if root.page.get("discovery", "peers") == "peers":
-        return None
-    if isinstance(root.page["discovery"], str):
-        what = f"unknown kind of discovery: {root.text('discovery')!r}"
-        raise GraphError(what, where=root.line("discovery"), remedy="write peers, or {server: MACHINE}")
-    section = root.section("discovery")
-    machine, colon, port = _only(section, "server").partition(":")
+    machine, colon, port = discovery.server.partition(":")
     if colon and not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
         remedy = f"write MACHINE or MACHINE:{SERVER_PORT}"
-        raise GraphError(f"{port!r} is not a port", where=section.line("server"), remedy=remedy)
+        raise GraphError(f"{port!r} is not a port", where=root.line("discovery", "server"), remedy=remedy)
     return Server(machine, int(port) if colon else SERVER_PORT)
-
-
-def _pictures(section: YamlSection) -> dict[str, Pictures]:
-    pictures = {}
-    for topic, one in _sections(section):
-        one.only("transport", "quality", "least_quality", "rate_hz")
-        transport = one.text("transport", "jpeg")
-        known = get_args(Transport)
-        if transport not in known:
-            what, remedy = f"unknown transport {transport!r}", f"write one of {', '.join(known)}"
-            raise GraphError(what, where=one.line("transport"), remedy=remedy)
-        parameters = {str(name): plain(value) for name, value in one.page.items() if name != "transport"}
-        pictures[topic] = Pictures(cast("Transport", transport), parameters)
-    return pictures
-
-
-def _processes(section: YamlSection) -> dict[str, ProcessSettings]:
-    found = {}
-    for node, one in _sections(section):
-        one.only("priority", "nice", "cpus", "memory_mb")
-        whole = {
-            name: one.whole(name, 0, minimum=-(2**40), maximum=2**40)
-            for name in ("priority", "nice", "memory_mb")
-            if name in one.page
-        }
-        written = one.page.get("cpus", [])
-        cpus = tuple(cpu for cpu in map(plain, written) if type(cpu) is int) if isinstance(written, list) else ()
-        if not isinstance(written, list) or len(cpus) != len(written):
-            raise GraphError(f"'cpus' must be a list of numbers, got {written!r}", where=one.line("cpus"))
-        found[node] = ProcessSettings(**whole, cpus=cpus if "cpus" in one.page else None)
-    return found
-
-
-def _restart(section: YamlSection) -> RestartPolicy:
-    usual = RestartPolicy()
-    names = [field.name for field in fields(RestartPolicy)]
-    section.only(*names)
-    seconds = {
-        name: section.number(name, getattr(usual, name), minimum=0.01, maximum=1e6)
-        for name in names
-        if name.endswith("_s")
-    }
-    return RestartPolicy(times=section.whole("times", usual.times, minimum=0, maximum=10**6), **seconds)

@@ -151,7 +151,7 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
         ("      times: 3", "      times: 3\n      times: 4", 12, ["no valid YAML", "duplicate"]),
         ("name: test", "name: 3", 1, ["'name' must be a text, got 3"]),
         ("inputs: [/more]", "inputs: /more", 2, ["'inputs' must be a list of texts"]),
-        ("inputs: [/more]", "inputs: [1]", 2, ["'inputs' must be a list of texts"]),
+        ("inputs: [/more]", "inputs: [1]", 2, ["each of 'inputs' must be a text, got 1"]),
         ("    type: tests.graph.test_graph:Echo\n", "", 8, ["'type'"]),
         ("    type: tests.graph.test_graph:Echo", "    type: 7", 8, ["'type' must be a text, got 7"]),
         ("  source:\n    type: tests.graph.test_graph:Source", "  source: here", 5, ["expected names with values"]),

@@ -19,10 +19,14 @@ A file has these parts, all optional; texts by language are a text or a list of 
 
 from __future__ import annotations
 
+import re
 import string
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
 
 from socialbot.agents.dialogue.intents import Grammar, Intent
 from socialbot.core.errors import GraphError, RuleError, suggestion
@@ -55,6 +59,27 @@ class Question:
     expects: tuple[str, ...]
     tries: int = 3
     patience_s: float = 8.0
+
+
+_LANGUAGE = "[A-Za-z]{2}"
+Language = Annotated[
+    str, msgspec.Meta(pattern=_LANGUAGE, description="a language; write a code of two letters, such as en")
+]
+Texts = dict[Language, str | list[str]]
+"""Texts by language in a file."""
+
+
+class _Question(msgspec.Struct):
+    expects: tuple[str, ...] = ()
+    tries: Annotated[int, msgspec.Meta(ge=1, le=10)] = Question.tries
+    patience_s: Annotated[float, msgspec.Meta(ge=0.5, le=120)] = Question.patience_s
+
+
+class _Page(msgspec.Struct):
+    values: dict[str, dict[str, Texts]] = {}
+    intents: dict[str, dict[Any, Any]] = {}
+    questions: dict[str, _Question] = {}
+    sentences: dict[str, dict[Language, str]] = {}
 
 
 class Script:
@@ -148,16 +173,13 @@ def load_script(path: Path | str, text: str | None = None, base: Script | None =
         GraphError: The file cannot be read or does not follow the layout.
         RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
     """
-    page = page_of(path, text)
-    page.only("values", "intents", "questions", "sentences")
-    known = {slot: names_in(page.section("values").section(slot)) for slot in page.section("values", {}).page}
-    intents, questions = page.section("intents", {}), page.section("questions", {})
-    sentences = page.section("sentences", {})
+    root = page_of(path, text)
+    page, intents = root.read(_Page), root.section("intents", {})
     return Script(
-        [_intent(name, intents.section(name)) for name in map(str, intents.page)],
-        known,
-        [_question(name, questions.section(name)) for name in map(str, questions.page)],
-        {str(name): _sentence(sentences.section(name)) for name in sentences.page},
+        [_intent(str(name), intents.section(name)) for name in intents.page],
+        {slot: {value: listed(names) for value, names in values.items()} for slot, values in page.values.items()},
+        [Question(name, one.expects, one.tries, one.patience_s) for name, one in page.questions.items()],
+        page.sentences,
         where=str(path),
         base=base,
     )
@@ -170,45 +192,16 @@ def page_of(path: Path | str, text: str | None = None) -> YamlSection:
     return read_page(text, where=str(path))
 
 
-def names_in(section: YamlSection) -> dict[str, dict[str, list[str]]]:
-    """Read the names of slot values by language. Raises GraphError."""
-    return {str(value): texts_in(section.section(value)) for value in section.page}
-
-
-def texts_in(section: YamlSection) -> dict[str, list[str]]:
-    """Read texts by language, each a text or a list of texts. Raises GraphError."""
-    return {_language(section, key): _texts(section, key) for key in section.page}
-
-
-def _texts(section: YamlSection, key: str) -> list[str]:
-    return [section.text(key)] if isinstance(section.page[key], str) else section.texts(key)
-
-
-def _language(section: YamlSection, key: object) -> str:
-    # YAML reads the language "no" as a truth value.
-    if not isinstance(key, str) or len(key) != 2 or not key.isalpha():
-        remedy = "write a code of two letters, such as en"
-        raise GraphError(f"{key!r} is no language", where=section.line(key), remedy=remedy)
-    return str(key)
+def listed(texts: Texts) -> dict[str, list[str]]:
+    """Return the texts of a file by language, each as a list."""
+    return {language: [text] if isinstance(text, str) else text for language, text in texts.items()}
 
 
 def _intent(name: str, section: YamlSection) -> Intent:
-    phrases = {_language(section, key): _texts(section, key) for key in section.page if key not in ("slots", *_FLAGS)}
-    return Intent(name, tuple(section.texts("slots")), phrases, **{key: section.flag(key, False) for key in _FLAGS})
-
-
-def _question(name: str, section: YamlSection) -> Question:
-    section.only("expects", "tries", "patience_s")
-    return Question(
-        name,
-        tuple(section.texts("expects")),
-        section.whole("tries", Question.tries, minimum=1, maximum=10),
-        section.number("patience_s", Question.patience_s, minimum=0.5, maximum=120),
-    )
-
-
-def _sentence(section: YamlSection) -> dict[str, str]:
-    return {_language(section, key): section.text(key) for key in section.page}
+    flags = {key: section.value(key, bool, False) for key in _FLAGS}
+    phrases = {key: section.value(key, str | list[str]) for key in section.page if re.fullmatch(_LANGUAGE, str(key))}
+    section.only("slots", *_FLAGS, *phrases)
+    return Intent(name, section.value("slots", tuple[str, ...], ()), listed(phrases), **flags)
 
 
 def _check_fields(text: str, where: str) -> None:

@@ -23,12 +23,13 @@ from dataclasses import dataclass
 from datetime import datetime, time, timezone, tzinfo
 from pathlib import Path
 
+import msgspec
+
 from socialbot.agents.dialogue import Script
-from socialbot.agents.dialogue.script import page_of, texts_in
+from socialbot.agents.dialogue.script import Texts, listed, page_of
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.installation import pip_command
-from socialbot.core.yaml import YamlSection
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
@@ -82,57 +83,65 @@ class Building:
         return datetime.fromtimestamp(now // SECOND, self.zone)
 
 
+class _Room(msgspec.Struct):
+    names: Texts
+    way: Texts
+
+
+class _Colleague(msgspec.Struct):
+    names: Texts
+    contact: str
+    room: str = ""
+
+
+class _Page(msgspec.Struct):
+    timezone: str = "UTC"
+    hours: dict[str, str] = {}
+    rooms: dict[str, _Room] = {}
+    colleagues: dict[str, _Colleague] = {}
+
+
 def load_building(path: Path | str, text: str | None = None) -> Building:
     """Read a building from a YAML file, or from its ``text``.
 
     Raises:
         GraphError: The file cannot be read, or is invalid.
     """
-    page = page_of(path, text)
-    page.only("timezone", "hours", "rooms", "colleagues")
-    rooms, people, hours = page.section("rooms", {}), page.section("colleagues", {}), page.section("hours", {})
-    for section in (rooms.section(name) for name in rooms.page):
-        section.only("names", "way")
+    root = page_of(path, text)
+    page = root.read(_Page)
+    for name, one in page.colleagues.items():
+        if one.room and one.room not in page.rooms:
+            where = root.line("colleagues", name, "room")
+            raise GraphError(f"unknown room {one.room!r}", where=where, remedy=suggestion(one.room, page.rooms))
     return Building(
-        {str(name): texts_in(rooms.section(name).section("names")) for name in rooms.page},
-        {str(name): _way(rooms.section(name).section("way")) for name in rooms.page},
-        {str(name): texts_in(people.section(name).section("names")) for name in people.page},
-        {str(name): _colleague(people.section(name), list(map(str, rooms.page))) for name in people.page},
-        dict(entry for key in hours.page for entry in _days(hours, key)),
-        _zone(page),
+        {name: listed(room.names) for name, room in page.rooms.items()},
+        {
+            name: {language: " ".join(texts) for language, texts in listed(room.way).items()}
+            for name, room in page.rooms.items()
+        },
+        {name: listed(one.names) for name, one in page.colleagues.items()},
+        {name: Colleague(one.contact, one.room) for name, one in page.colleagues.items()},
+        dict(entry for days, hours in page.hours.items() for entry in _days(days, hours, root.line("hours", days))),
+        _zone(page.timezone, root.line("timezone")),
     )
 
 
-def _way(section: YamlSection) -> dict[str, str]:
-    return {language: " ".join(texts) for language, texts in texts_in(section).items()}
-
-
-def _colleague(section: YamlSection, rooms: list[str]) -> Colleague:
-    section.only("names", "room", "contact")
-    room = section.text("room", "")
-    if room and room not in rooms:
-        raise GraphError(f"unknown room {room!r}", where=section.line("room"), remedy=suggestion(room, rooms))
-    return Colleague(section.text("contact"), room)
-
-
-def _days(hours: YamlSection, key: object) -> list[tuple[int, tuple[time, time]]]:
-    first, _, last = str(key).partition("-")
+def _days(days: str, hours: str, where: str) -> list[tuple[int, tuple[time, time]]]:
+    first, _, last = days.partition("-")
     for day in (first, last or first):
         if day not in DAYS:
-            raise GraphError(f"unknown day {day!r}", where=hours.line(key), remedy=suggestion(day, DAYS))
+            raise GraphError(f"unknown day {day!r}", where=where, remedy=suggestion(day, DAYS))
     opens = closes = time()
-    if match := _HOURS.fullmatch(hours.text(key)):
+    if match := _HOURS.fullmatch(hours):
         opens, closes = time(int(match[1]), int(match[2])), time(int(match[3]), int(match[4]))
     if opens >= closes:
-        remedy = 'write them as in "08:00-18:00"'
-        raise GraphError(f"no hours: {hours.text(key)!r}", where=hours.line(key), remedy=remedy)
+        raise GraphError(f"no hours: {hours!r}", where=where, remedy='write them as in "08:00-18:00"')
     begin, end = DAYS.index(first), DAYS.index(last or first)
     count = (end - begin) % 7 + 1
     return [((begin + day) % 7, (opens, closes)) for day in range(count)]
 
 
-def _zone(page: YamlSection) -> tzinfo:
-    name = page.text("timezone", "UTC")
+def _zone(name: str, where: str) -> tzinfo:
     if name == "UTC":
         return timezone.utc
     try:
@@ -140,7 +149,7 @@ def _zone(page: YamlSection) -> tzinfo:
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError) as error:
         install = pip_command("install", "tzdata")
         remedy = f"write it as in Europe/Berlin; without a time zone database on this machine: {install}"
-        raise GraphError(f"unknown time zone {name!r}", where=page.line("timezone"), remedy=remedy) from error
+        raise GraphError(f"unknown time zone {name!r}", where=where, remedy=remedy) from error
 
 
 def _clock_text(at: time) -> str:

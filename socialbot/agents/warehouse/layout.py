@@ -18,11 +18,11 @@ then ``grippers: 3`` is possible: gripper_a, gripper_b and gripper_c, each in an
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
-from ruamel.yaml.comments import CommentedSeq
+import msgspec
 
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
@@ -37,13 +37,30 @@ from socialbot.agents.warehouse.scenario import (
 from socialbot.agents.warehouse.world import CARRIER_ACCELERATION, CARRIER_SPEED
 from socialbot.core import paths
 from socialbot.core.errors import GraphError
-from socialbot.core.yaml import YamlSection, line_of, read_page
+from socialbot.core.yaml import YamlSection, read_page
 
 MAX_BOXES = 96
 DEPOSIT_DISTANCE_M = round(DEPOSIT_Y - BASE_Y, 3)
 LONGEST_TRIP_S = 6.5  # without noise; the gripper waits for 8 s
 
-_BOX_NAME = re.compile(r"box_[a-z0-9_]+")
+_Box = Annotated[
+    str, msgspec.Meta(pattern=r"box_[a-z0-9_]+", description="a name of a box; write box_, then a-z, 0-9 or _")
+]
+_Boxes = Annotated[
+    tuple[tuple[_Box, ...], ...],
+    msgspec.Meta(description="a list of lists of boxes; or give 'boxes' for random stacks"),
+]
+
+
+class _Layout(msgspec.Struct):
+    carriers: Annotated[int, msgspec.Meta(ge=1, le=MAX_CARRIERS)]
+    grippers: int = 1
+    boxes: int = 0
+    seed: Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)] = 0
+    stacks: _Boxes = ()
+    deposits: _Boxes = ()
+    deposit_distance_m: Annotated[float, msgspec.Meta(ge=2.0, le=5.0)] = DEPOSIT_DISTANCE_M
+    speeds: Speeds = Speeds()
 
 
 def load_layout(file: str | Path, *, where: str = "layout") -> tuple[Scenario, ...]:
@@ -64,41 +81,35 @@ def load_layout(file: str | Path, *, where: str = "layout") -> tuple[Scenario, .
 def parse_layout(text: str, *, where: str) -> tuple[Scenario, ...]:
     """Parse a layout from YAML, as a scenario for each gripper; errors name ``where``. Raises GraphError."""
     root = read_page(text, where=where)
-    root.only("grippers", "carriers", "boxes", "seed", "stacks", "deposits", "deposit_distance_m", "speeds")
-    if "carriers" not in root.page:
-        raise GraphError("'carriers' is missing", where=root.where, remedy="give the number of carriers")
-    carriers = root.whole("carriers", 1, minimum=1, maximum=MAX_CARRIERS)
-    scenarios = _random(root, carriers) if "boxes" in root.page else (_explicit(root, carriers),)
-    distance = root.number("deposit_distance_m", DEPOSIT_DISTANCE_M, minimum=2.0, maximum=5.0)
-    speeds = root.section("speeds", {})
-    speeds.only("crane", "carriers")
-    crane, carrier = (speeds.number(name, 1.0, minimum=0.5, maximum=3.0) for name in ("crane", "carriers"))
-    speed = carrier * CARRIER_SPEED
-    trip_s = distance / speed + speed / CARRIER_ACCELERATION
+    layout = root.read(_Layout)
+    scenarios = _random(root, layout) if "boxes" in root.page else (_explicit(root, layout),)
+    speed = layout.speeds.carriers * CARRIER_SPEED
+    trip_s = layout.deposit_distance_m / speed + speed / CARRIER_ACCELERATION
     if trip_s > LONGEST_TRIP_S:
-        key = ("speeds", "carriers") if "carriers" in speeds.page else ("deposit_distance_m",)
+        key = ("deposit_distance_m",) if layout.speeds.carriers == 1.0 else ("speeds", "carriers")
         raise GraphError(
             f"a carrier drives {trip_s:.1f} s from its deposit; the gripper waits for {LONGEST_TRIP_S} s",
             where=root.line(*key),
             remedy="give a shorter 'deposit_distance_m', or higher 'speeds: {carriers}'",
         )
-    deposit_y, relative = BASE_Y + distance, Speeds(crane, carrier)
-    return tuple(replace(scenario, deposit_y=deposit_y, speeds=relative) for scenario in scenarios)
+    deposit_y = BASE_Y + layout.deposit_distance_m
+    return tuple(replace(scenario, deposit_y=deposit_y, speeds=layout.speeds) for scenario in scenarios)
 
 
-def _random(root: YamlSection, carriers: int) -> tuple[Scenario, ...]:
+def _random(root: YamlSection, layout: _Layout) -> tuple[Scenario, ...]:
     for key in ("stacks", "deposits"):
         if key in root.page:
             raise GraphError(
                 f"both 'boxes' and {key!r}", where=root.line(key), remedy=f"remove {key!r}, or 'boxes' and 'seed'"
             )
-    boxes = root.whole("boxes", carriers, minimum=carriers, maximum=MAX_BOXES)
-    grippers = root.whole("grippers", 1, minimum=1, maximum=min(MAX_GRIPPERS, carriers))
-    return aisles_of(boxes, carriers, grippers, seed=root.whole("seed", 0, minimum=0, maximum=2**31 - 1))
+    boxes = root.value("boxes", Annotated[int, msgspec.Meta(ge=layout.carriers, le=MAX_BOXES)])
+    most = min(MAX_GRIPPERS, layout.carriers)
+    grippers = root.value("grippers", Annotated[int, msgspec.Meta(ge=1, le=most)], 1)
+    return aisles_of(boxes, layout.carriers, grippers, seed=layout.seed)
 
 
-def _explicit(root: YamlSection, carriers: int) -> Scenario:
-    if root.page.get("grippers", 1) != 1:
+def _explicit(root: YamlSection, layout: _Layout) -> Scenario:
+    if layout.grippers != 1:
         raise GraphError(
             "several grippers have random stacks only",
             where=root.line("grippers"),
@@ -106,54 +117,34 @@ def _explicit(root: YamlSection, carriers: int) -> Scenario:
         )
     if "seed" in root.page:
         raise GraphError("'seed' without 'boxes'", where=root.line("seed"), remedy="give 'boxes' for random stacks")
-    stacks, deposits = _boxes(root, "stacks"), _boxes(root, "deposits")
-    for line, stack in stacks:
+    boxes = {key: _unique(root, key) for key in ("stacks", "deposits")}
+    for number, stack in enumerate(layout.stacks):
         if len(stack) > STACK_HEIGHT:
-            raise GraphError(f"a stack of {len(stack)} boxes; the highest has {STACK_HEIGHT}", where=line)
-    if len(deposits) != carriers:
+            what = f"a stack of {len(stack)} boxes; the highest has {STACK_HEIGHT}"
+            raise GraphError(what, where=root.line("stacks", number))
+    if len(layout.deposits) != layout.carriers:
         raise GraphError(
-            f"{len(deposits)} deposits for {carriers} carriers",
+            f"{len(layout.deposits)} deposits for {layout.carriers} carriers",
             where=root.line("deposits"),
             remedy="give a list of boxes for each carrier",
         )
-    stacked = {box for _, stack in stacks for box in stack}
-    wanted = {box for _, load in deposits for box in load}
-    for missing, key, other in ((wanted - stacked, "deposits", "stacks"), (stacked - wanted, "stacks", "deposits")):
-        if missing:
+    for key, other in (("deposits", "stacks"), ("stacks", "deposits")):
+        if missing := boxes[key] - boxes[other]:
             raise GraphError(
                 f"{', '.join(sorted(missing))} is not in {other!r}", where=root.line(key), remedy=f"add it to {other!r}"
             )
-    if not 0 < len(stacked) <= MAX_BOXES:
-        raise GraphError(f"{len(stacked)} boxes; there must be 1 to {MAX_BOXES}", where=root.line("stacks"))
-    return Scenario(tuple(stack for _, stack in stacks), tuple(load for _, load in deposits))
+    if not 0 < len(boxes["stacks"]) <= MAX_BOXES:
+        what = f"{len(boxes['stacks'])} boxes; there must be 1 to {MAX_BOXES}"
+        raise GraphError(what, where=root.line("stacks"))
+    return Scenario(layout.stacks, layout.deposits)
 
 
-def _boxes(root: YamlSection, key: str) -> list[tuple[str, tuple[str, ...]]]:
-    """The lists of box names below ``key``, each with its file and line."""
-    lists = root.page.get(key)
-    if not isinstance(lists, CommentedSeq):
-        raise GraphError(
-            f"{key!r} must be a list of lists of boxes, got {lists!r}",
-            where=root.line(key),
-            remedy="or give 'boxes' for random stacks",
-        )
-    key_line = root.line(key)
-    file, _, first = key_line.rpartition(":")
-    found: list[tuple[str, tuple[str, ...]]] = []
-    seen: set[str] = set()
-    for number, names in enumerate(lists):
-        line = f"{file}:{line_of(lists, number, int(first))}"
-        if not isinstance(names, list):
-            raise GraphError(f"expected a list of boxes, got {names!r}", where=line)
+def _unique(root: YamlSection, key: str) -> set[str]:
+    """Return the names of the boxes below ``key``. Raises GraphError if it is missing, or a box stands there twice."""
+    found: set[str] = set()
+    for number, names in enumerate(root.value(key, _Boxes)):
         for name in names:
-            if not isinstance(name, str) or not _BOX_NAME.fullmatch(name):
-                raise GraphError(
-                    f"no valid name of a box: {name!r}",
-                    where=line,
-                    remedy="write box_, then a-z, 0-9 or _",
-                )
-            if name in seen:
-                raise GraphError(f"{name} stands twice in {key!r}", where=line)
-            seen.add(name)
-        found.append((line, tuple(map(str, names))))
+            if name in found:
+                raise GraphError(f"{name} stands twice in {key!r}", where=root.line(key, number))
+            found.add(name)
     return found

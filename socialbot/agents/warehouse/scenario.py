@@ -10,6 +10,9 @@ from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from string import ascii_lowercase
+from typing import Annotated
+
+import msgspec
 
 from socialbot.agents.base._simulation import WorldFault, parse_world_faults
 from socialbot.agents.warehouse.messages import Point
@@ -104,12 +107,15 @@ SIX_SORTED_S = 116.0  # deadline of the six boxes, whose plan takes 107 s
 BOX_SORTED_S = 30.0  # deadline of each box of another scenario
 
 
+_Speed = Annotated[float, msgspec.Meta(ge=0.5, le=3.0)]
+
+
 @dataclass(frozen=True)
 class Speeds:
     """Speeds of the crane and the carriers, relative to the standard speeds."""
 
-    crane: float = 1.0
-    carriers: float = 1.0
+    crane: _Speed = 1.0
+    carriers: _Speed = 1.0
 
 
 @dataclass(frozen=True)

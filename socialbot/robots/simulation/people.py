@@ -11,10 +11,9 @@ from typing import Literal
 
 import msgspec
 import numpy as np
-from ruamel.yaml import YAML, YAMLError
 
-from socialbot.core.errors import ParameterError
-from socialbot.core.yaml import load_yaml
+from socialbot.core.errors import ParameterError, suggestion
+from socialbot.core.yaml import read_page
 from socialbot.robots.simulation.looks import Looks, random_looks
 from socialbot.robots.simulation.place import Door, Place, Spot
 from socialbot.robots.simulation.posture import Stance
@@ -33,7 +32,7 @@ _BESIDE_M = 0.28  # Room that walkers leave beside furniture.
 _ROUND = {"column": 0.2, "plant": 0.26, "bin": 0.16, "low_table": 0.62}  # Furniture that people walk around, radius.
 
 
-class Leg(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Leg(msgspec.Struct, frozen=True):
     """One thing that a person does; exactly one of the first four.
 
     Attributes:
@@ -55,7 +54,7 @@ class Leg(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     aim: Aim = ""
 
 
-class Actor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Actor(msgspec.Struct, frozen=True):
     """A person of a script.
 
     Attributes:
@@ -71,7 +70,7 @@ class Actor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     looks: int | None = None
 
 
-class Script(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Script(msgspec.Struct, frozen=True):
     """People in a place, and what they do."""
 
     place: str
@@ -81,22 +80,19 @@ class Script(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_script(text: str, *, where: str) -> Script:
     """Read a script from YAML. Raises ParameterError if it is none."""
-    remedy = "see docs/howto/simulation.md"
-    try:
-        script = msgspec.convert(load_yaml(YAML(typ="safe"), text), Script)
-    except (msgspec.ValidationError, YAMLError) as error:
-        raise ParameterError(f"is no script: {error}", where=where, remedy=remedy) from error
+    root = read_page(text, where=where, error=ParameterError)
+    script = root.read(Script)
     names = [actor.id for actor in script.people]
     if len(set(names)) < len(names) or ROBOT in names:
-        raise ParameterError(f"ids of people must differ, and none is {ROBOT!r}", where=where, remedy=remedy)
-    for actor in script.people:
-        for number, leg in enumerate(actor.legs, 1):
+        raise ParameterError(f"ids of people must differ, and none is {ROBOT!r}", where=root.line("people"))
+    for index, actor in enumerate(script.people):
+        for number, leg in enumerate(actor.legs):
+            place = root.line("people", index, "legs", number)
             if sum(each is not None for each in (leg.walk, leg.stand, leg.talk, leg.sit)) != 1:
-                place = f"{where}: {actor.id}, leg {number}"
-                raise ParameterError("needs one of walk, stand, talk and sit", where=place, remedy=remedy)
+                raise ParameterError("a leg needs one of walk, stand, talk and sit", where=place)
             if leg.talk is not None and leg.to not in names:
-                place = f"{where}: {actor.id}, leg {number}"
-                raise ParameterError(f"'to' must be a person of the script, not {leg.to!r}", where=place, remedy=remedy)
+                what, remedy = f"'to' must be a person of the script, not {leg.to!r}", suggestion(leg.to, names)
+                raise ParameterError(what, where=place, remedy=remedy)
     return script
 
 

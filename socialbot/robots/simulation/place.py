@@ -9,30 +9,29 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from ruamel.yaml import YAML, YAMLError
 
-from socialbot.core.errors import ParameterError
-from socialbot.core.yaml import load_yaml
+from socialbot.core.errors import ParameterError, suggestion
+from socialbot.core.yaml import read_page
 from socialbot.robots.simulation.looks import Colour
 
 Spot = tuple[float, float]
 
 
-class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Door(msgspec.Struct, frozen=True):
     """A door: a point outside, where people appear and vanish, and one inside."""
 
     outside: Spot
     inside: Spot
 
 
-class Seat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Seat(msgspec.Struct, frozen=True):
     """A seat, with the direction in which people sit on it."""
 
     at: Spot
     heading: float
 
 
-class Furniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Furniture(msgspec.Struct, frozen=True):
     """A piece of furniture; see `PIECES`."""
 
     kind: str
@@ -41,7 +40,7 @@ class Furniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     colour: Colour | None = None
 
 
-class Picture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Picture(msgspec.Struct, frozen=True):
     """A picture or window on a wall."""
 
     at: tuple[float, float, float]
@@ -50,7 +49,7 @@ class Picture(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     colour: Colour
 
 
-class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Place(msgspec.Struct, frozen=True):
     """A room. The robot stands at 0, 0 and looks along x."""
 
     size: tuple[float, float, float, float]
@@ -155,12 +154,10 @@ def load_place(name: str) -> Place:
 
 def read_place(text: str, *, where: str) -> Place:
     """Read a place from YAML. Raises ParameterError if it is none."""
-    try:
-        place = msgspec.convert(load_yaml(YAML(typ="safe"), text), Place)
-    except (msgspec.ValidationError, YAMLError) as error:
-        raise ParameterError(f"is no place: {error}", where=where, remedy="see docs/howto/simulation.md") from error
-    for piece in place.furniture:
+    root = read_page(text, where=where, error=ParameterError)
+    place = root.read(Place)
+    for number, piece in enumerate(place.furniture):
         if piece.kind not in PIECES:
-            remedy = f"choose one of: {', '.join(PIECES)}"
-            raise ParameterError(f"there is no furniture {piece.kind!r}", where=where, remedy=remedy)
+            what, remedy = f"there is no furniture {piece.kind!r}", suggestion(piece.kind, PIECES)
+            raise ParameterError(what, where=root.line("furniture", number, "kind"), remedy=remedy)
     return place

@@ -64,7 +64,7 @@ def test_a_question_and_the_names_of_a_slot_are_replaced():
         ("{en: Which room?, de: Welcher Raum?}", "Which room?", "expected names with values"),
         ("slots: [place]", "fallback: maybe", "'fallback' must be true or false"),
         ("slots: [place]", "slots: [room]", "slot 'room' has no values"),
-        ("de: Welcher Raum?", "deutsch: Welcher Raum?", "'deutsch' is no language"),
+        ("de: Welcher Raum?", "deutsch: Welcher Raum?", "expected a language, got 'deutsch'"),
         ("floor {1}", "floor {floor}", "unknown field {floor}"),
         ("floor {1}", "floor {1", "is no sentence"),
         ("which: {en", "what: {en", "question 'which' has no sentence"),

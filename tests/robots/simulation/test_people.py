@@ -137,7 +137,7 @@ def test_schedules_depend_on_the_seed_alone_and_keep_people_apart(place):
         (("enter: office", "enter: window"), "there is no door 'window'"),
         (("to: ben", "to: zoe"), "'to' must be a person of the script"),
         (("id: ben", "id: ada"), "ids of people must differ"),
-        (("talk: 6", "shout: 6"), "unknown field"),
+        (("talk: 6", "shout: 6"), "unknown key 'shout'"),
         (("stand: 4,", "stand: 4, sit: bench_1,"), "needs one of walk, stand, talk and sit"),
     ],
 )
@@ -149,5 +149,5 @@ def test_mistakes_in_scripts_are_named(change, message):
 def test_mistakes_in_places_are_named():
     with pytest.raises(ParameterError, match="there is no place 'moon'"):
         load_place("moon")
-    with pytest.raises(ParameterError, match="is no place"):
+    with pytest.raises(ParameterError, match="x:1: 'size' must be a list of 4 numbers, got 3"):
         read_place("size: 3", where="x")
