@@ -8,11 +8,12 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.literals import Belief, Change, Computed, Event, Goal, Literal, Reactor, Structure, check_seconds
-from socialbot.bdi.steps import Achieve, Action, AslCall, Update, send, wait
+from socialbot.bdi.stdlib.actions import registered
+from socialbot.bdi.steps import Achieve, Action, AslCall, Do, Update, send, wait
 from socialbot.bdi.terms import (
     Aggregate,
     Atom,
@@ -148,6 +149,21 @@ def goals_without_plans(library: Library, initial: Iterable[Literal] = ()) -> It
             alike = alike or difflib.get_close_matches(goal.key, sorted(known), n=1)
             remedy = f"there are plans for {', '.join(alike)}" if alike else "add one, unless it comes later"
             yield place, f"no plan for the goal {goal.key}", remedy, goal
+
+
+def actions_not_given(library: Library, known: Collection[str]) -> Iterator[Doubt]:
+    """Yield the actions of plans in AgentSpeak that nobody has registered; ``known`` are those of the engine."""
+    from socialbot.bdi.plans import nodes_of  # it imports this module
+
+    for plan in library:
+        for node in nodes_of(plan.body):
+            action = node.action if isinstance(node, Do) else None
+            if isinstance(action, Literal) and not isinstance(action, Action) and "." not in action.functor:
+                name = action.functor
+                if name not in known and registered(name) is None:
+                    near = difflib.get_close_matches(name, sorted(known), n=1)
+                    remedy = f"did you mean {near[0]}?" if near else "register it with engine.add_action"
+                    yield plan, f"there is no action {action.key}", remedy, action
 
 
 def beliefs_not_given(library: Library, initial: Iterable[Literal]) -> Iterator[Doubt]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import why_not
 from socialbot.bdi._interpreter import Interpreter
-from socialbot.bdi._rule_checks import check_belief, check_goal, check_running, goals_without_plans
+from socialbot.bdi._rule_checks import actions_not_given, check_belief, check_goal, check_running, goals_without_plans
 from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
@@ -188,9 +188,13 @@ class Engine:
         sensor.attach(self)
 
     def compile_plans(self) -> None:
-        """Compile all plans now instead of each at its first use. Goals of plans that no plan is for are logged."""
+        """Compile all plans now instead of each at its first use.
+
+        Goals of plans that no plan is for, and actions that nobody has registered, are logged.
+        """
         self.library.compile()
-        for plan, what, remedy, _ in goals_without_plans(self.library):
+        doubts = (*goals_without_plans(self.library), *actions_not_given(self.library, self.actions))
+        for plan, what, remedy, _ in doubts:
             log().warning("%s: %s: %s; %s", self.name, getattr(plan, "place", ""), what, remedy)
 
     # From any thread

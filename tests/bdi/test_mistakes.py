@@ -552,6 +552,16 @@ def test_a_goal_without_plans_is_logged_when_the_plans_are_compiled(rule: Plan, 
     assert "no plan for the goal go/3; there are plans for go/" in caplog.text
 
 
+def test_an_action_that_nobody_has_registered_is_logged_when_the_plans_are_compiled(caplog: pytest.LogCaptureFixture):
+    engine = Engine("me", ManualClock())
+    engine.add_action(lambda engine, text: None, "say")
+    engine.add_text('+!g <- say("a"); if (true) { sya("b") }; .print(c); jump; my.act(1).', "me.asl")
+    engine.compile_plans()
+    logged = [record.getMessage() for record in caplog.records]
+    place = "me: me.asl:1: there is no action"
+    assert logged == [f"{place} jump/0; register it with engine.add_action", f"{place} sya/1; did you mean say?"]
+
+
 NUMBERS = {
     "event": +p(X, Y) >> [],
     "condition": go() / p(X, Y) >> [],
