@@ -45,7 +45,7 @@ VOCABULARY = Vocabulary(
         Deed(
             calls=("gripper_putdown",),
             words={
-                "en": ("put down", "set down", "lay down", "drop"),
+                "en": ("put down", "set down", "lay down"),
                 "de": ("ablegen", "abgelegt", "absetzen", "abgesetzt"),
                 "fr": ("déposer", "déposé", "reposer"),
                 "es": ("bajar", "bajó", "dejar", "dejó", "depositar"),

@@ -97,8 +97,10 @@ def named_deeds(reading: Reading, subjects: Subjects, things: Sequence[str], sta
         or not (any(each.places <= places for places in whole.values()) or _is_longer(each, names))
     ]
     # "Go ahead" is not to go: a phrase outdoes a part of it.
-    found = [each for each in found if not any(each.places < other.places and other.fit >= each.fit for other in found
-                                               if {"declared", "synonym", "act"} & set(other.evidence))]  # fmt: skip
+    # "How many rooms did you clean?" counts the rooms that were cleaned, and not "clean rooms".
+    if not reading.has("how_many"):
+        surely = [each for each in found if {"declared", "synonym", "act"}.intersection(each.evidence)]
+        found = [each for each in found if not any(each.places < one.places and one.fit >= each.fit for one in surely)]
     found = [each for each in found if not _is_outdone(each, found)]
     found.sort(key=lambda each: (-round(each.fit, 2), not subjects.done(each.topic), -len(each.places)))
     return found[:_MOST_DEEDS]

@@ -95,7 +95,7 @@ _AWAY = {"away", "off", "weg", "fort"}
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
 """Words that anybody says."""
-_MOVING, _HEARING = lexicon.meanings(("move",)), lexicon.meanings(("hear",))
+_MOVING = lexicon.meanings(("move",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
 _OF_LEXICON = 0.5
@@ -308,9 +308,7 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         if kind == "heard":
             is_quoted = bool(says) and are_tellers and not found.reading.has("what")
             heard = says if is_quoted else _words_heard(found, subjects)
-            code = found.reading.language.code
-            is_explained = {*heard, *(word for word in one.unknown if _HEARING & lexicon.meanings((word,), code))}
-            one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in is_explained))
+            one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
         elif kind == "said" and asks and says and not _EVENTS.intersection(says) and subjects.is_quoted(says):
             # "What did you say about the library?"
             left = tuple(words[place] for place in found.reading.free() if place not in places)

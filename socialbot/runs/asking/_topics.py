@@ -262,10 +262,6 @@ class Subjects:
         meant = lexicon.meanings((word,), language)
         return stem(word) in self.recorded_stems or not meant.isdisjoint(self._recorded_meanings)
 
-    def is_meant(self, meaning: lexicon.Meaning) -> bool:
-        """Return whether a word of the records has a meaning."""
-        return meaning in self._recorded_meanings
-
     @cached_property
     def _recorded_meanings(self) -> Set[lexicon.Meaning]:
         return frozenset().union(*map(lexicon.named_meanings, self.recorded_words))

@@ -9,12 +9,12 @@ from socialbot.runs.asking._found import (
     CAPITAL,
     Found,
 )
-from socialbot.runs.asking._named_deeds import NamedDeed
+from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
 from socialbot.runs.asking._references import (
     Reading,
 )
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import NUMBER_WORDS, tokens
+from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
 from socialbot.runs.asking.languages import lexicon
 
 _TO_THE = {"al", "au", "aux", "ins", "zum", "zur"}
@@ -73,24 +73,26 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
     free = [place for place, word in enumerate(words) if len(word) > 2 and (place in reading.free() or word in certain)]
     numbered = [f"{kind} {part}" for kind, part in names_without_records(reading, found.referred, subjects)]
     numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
-    named = {
-        words[place]
-        for place in free
-        if words[place] in names
-        or words[place - 1] in articles
-        or any(lexicon.section_of(one) == "deeds" for one in lexicon.meanings((words[place],), reading.language.code))
-    }
-    code, unknown = reading.language.code, set(reading.free())
+    code = reading.language.code
+    nouns = {words[place] for place in free if words[place] in names or words[place - 1] in articles}
+    deeds = {words[place] for place in free if _is_deed(lexicon.meanings((words[place],), code))}
+    known, unknown = meanings_of(subjects), set(reading.free())
     phrases = [
         " ".join(words[n] for n in each.places)
         for each in lexicon.found_in(words, code)
-        if len(each.places) > 1 and unknown.issuperset(each.places)
-        if lexicon.section_of(each.meaning) == "deeds" and not subjects.is_meant(each.meaning)
+        if len(each.places) > 1 and unknown.issuperset(each.places) and _is_deed({each.meaning} - known)
     ]  # "fallen lassen"
-    named |= {*verb.split()}
-    named -= {word for phrase in phrases for word in phrase.split()}
-    return [*numbered, *dict.fromkeys(phrases)] + [
-        word
-        for word in dict.fromkeys(words)
-        if word in named and not subjects.is_recorded(word, reading.language.code) and word not in NUMBER_WORDS
-    ]
+    within = {word for phrase in phrases for word in phrase.split()}
+    others: list[str] = []
+    for place, word in enumerate(words):
+        is_done = word in deeds and known.isdisjoint(lexicon.meanings((word,), code))
+        is_done = is_done and stem(word) not in subjects.recorded_stems
+        is_other = (word in nouns or word == verb) and not subjects.is_recorded(word, code)
+        if (is_done or is_other) and word not in NUMBER_WORDS | within:
+            noun = next(iter(words[place + 1 : place + 2]), "")
+            others.append(f"{word} {noun}" if word in nouns and noun in subjects.kinds else word)  # "living room"
+    return list(dict.fromkeys([*numbered, *phrases, *others]))
+
+
+def _is_deed(meant: Set[lexicon.Meaning]) -> bool:
+    return any(lexicon.section_of(one) == "deeds" for one in meant)

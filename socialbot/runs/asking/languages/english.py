@@ -103,6 +103,7 @@ ENGLISH = Language(
             "asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,statement,utterance,"
             "utterances,answer,answered,respond,responded"
         ),
+        "hear": "hear,heard,overhear,overheard",
         "asks": "ask,asked,asking,request,requested",
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"

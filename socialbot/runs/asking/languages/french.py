@@ -53,6 +53,7 @@ FRENCH = Language(
             "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles,disait,disent,disiez,repondu,reponds,repondre,"
             "repondait,raconte,parlais,parlait,parles,parlez,mentionne,demande,demandes,demandais"
         ),
+        "hear": "entendu,entends,entendais,entendre",
         "asks": "demande,demandes,demandais,demander,prie",
         "here": (
             "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"

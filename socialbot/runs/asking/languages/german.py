@@ -57,6 +57,7 @@ GERMAN = Language(
             "sagten,sage,redest,geredet,erzahlt,erzahltest,erzahlte,geantwortet,antwortest,antwortetest,antwortete,"
             "gefragt,fragtest,fragte,gebeten,batest,bat,erwahnt,erwahntest"
         ),
+        "hear": "gehort,hortest,horst,hore,hort,hast gehort,vernommen",
         "asks": "gefragt,fragtest,fragte,fragen,gebeten,batest,bat,bitten,verlangt",
         "here": (
             "hier,da,gekommen,kam,kamen,besucht,anwesend,vorbei,vorbeigekommen,aufgetaucht,dort,gegangen,geblieben,"

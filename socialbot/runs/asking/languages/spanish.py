@@ -46,6 +46,7 @@ SPANISH = Language(
             "hablaron,hablado,hablabas,contestaste,contesto,respondiste,respondio,contaste,conto,contado,preguntaste,"
             "pregunto,preguntado,pediste,pidio,pedido,mencionaste,explicaste,explico,dije,pregunte"
         ),
+        "hear": "oiste,oyes,oido,oias,oir,escuchaste,escuchado,escuchas",
         "asks": "pediste,pidio,pedido,pedir,preguntaste,pregunto,preguntado,preguntar",
         "here": (
             "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
@@ -60,7 +61,7 @@ SPANISH = Language(
         "them": "lo,la,le,los,les,ella,el,ellos",
         "past": (
             "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
-            "hizo,hicieron,hacia,hacias,fueron,fuiste,iba,ibas,"
+            "hizo,hicieron,hacia,hacias,"
             "hasta ahora"
         ),
         "future": "vas a,haras,proximo,siguiente,despues,va a,vais a,van a,hareis,haran,hara",
