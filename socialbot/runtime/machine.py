@@ -152,11 +152,12 @@ class _NodesUp:
     def _is_deaf(self) -> bool:
         """Return whether a process died after the clock was set back.
 
-        The shared memory of DDS finds dead readers by the time of day. Until the clock has caught up, the others would
-        write for the dead process, and not for the new one in its place.
+        The shared memory of DDS finds dead readers by the time of day. Until the clock has caught up, the others may
+        write for the dead process, and not for the new one in its place, even if all of them have begun since then:
+        files in shared memory still have the later time.
         """
         again = (one.started for one in self.supervisor.members.values() if one.restarts and one.process is not None)
-        if not any(self._begun < self._watch.set_back_at < at < self._watch.caught_up_at for at in again):
+        if not any(self._watch.set_back_at < at < self._watch.caught_up_at for at in again):
             return False
         self.why = "a process died after the clock was set back, so that DDS would send it nothing"
         return True
