@@ -24,7 +24,7 @@ from evaluation.questions import QUESTIONS, SEALED, reaches
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking._answers import answered, facts_of
-from socialbot.runs.asking._questions import candidates
+from socialbot.runs.asking._readings import candidates
 from socialbot.runs.folder import open_run
 
 WEIGHTS = Path(ranking.__file__).with_name("reading.json")

@@ -25,7 +25,7 @@ from socialbot.core.messages import Health
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
-from socialbot.runtime._lost_publishers import RenewalBackoff
+from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RenewalBackoff
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
@@ -153,11 +153,15 @@ class _NodesUp:
         """Return whether a process died after the clock was set back.
 
         The shared memory of DDS finds dead readers by the time of day. Until the clock has caught up, the others may
-        write for the dead process, and not for the new one in its place, even if all of them have begun since then:
-        files in shared memory still have the later time.
+        write for the dead process, and not for the new one in its place. Fault runs show this even if all processes
+        have begun since the clock was set. Then the graph must have lived for a while, so that a process that crashes
+        again and again is given up by its restart policy.
         """
+        watch = self._watch
+        if self._begun > watch.set_back_at and time.monotonic() - self._begun < RENEWAL_PAUSE_S:
+            return False
         again = (one.started for one in self.supervisor.members.values() if one.restarts and one.process is not None)
-        if not any(self._watch.set_back_at < at < self._watch.caught_up_at for at in again):
+        if not any(watch.set_back_at < at < watch.caught_up_at for at in again):
             return False
         self.why = "a process died after the clock was set back, so that DDS would send it nothing"
         return True

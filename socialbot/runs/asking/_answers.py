@@ -21,8 +21,8 @@ from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import seen, stay, visitors
 from socialbot.runs.asking._question import NEAR_S, Question, with_time
-from socialbot.runs.asking._questions import candidates
 from socialbot.runs.asking._ranking import SURE, ranked
+from socialbot.runs.asking._readings import candidates
 from socialbot.runs.asking._scope import NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of

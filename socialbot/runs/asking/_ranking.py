@@ -13,10 +13,10 @@ from functools import cache
 from importlib.resources import files
 
 from socialbot.runs.asking._facts import record_agent
-from socialbot.runs.asking._found import VERBS
 from socialbot.runs.asking._main_verb import PARTICLES
+from socialbot.runs.asking._parts import VERBS
 from socialbot.runs.asking._question import NEAR_S
-from socialbot.runs.asking._questions import Candidate
+from socialbot.runs.asking._readings import Candidate
 from socialbot.runs.asking._sentences import Answer
 from socialbot.runs.asking._topics import Subjects, arguments_of
 from socialbot.runs.asking._words import tokens

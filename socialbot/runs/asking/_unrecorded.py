@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Set
 
-from socialbot.runs.asking._found import (
+from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
+from socialbot.runs.asking._parts import (
     CAPITAL,
     Found,
 )
-from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
 from socialbot.runs.asking._references import (
     Reading,
 )

@@ -14,7 +14,7 @@ from socialbot.core.vocabulary import Deed, Vocabulary
 from socialbot.runs.asking import answer
 from socialbot.runs.asking._answers import facts_of
 from socialbot.runs.asking._facts import Facts
-from socialbot.runs.asking._questions import candidates
+from socialbot.runs.asking._readings import candidates
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.folder import open_run
 from socialbot.runs.history import History

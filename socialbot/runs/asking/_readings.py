@@ -1,4 +1,4 @@
-"""Questions: from words to readings, each a kind of question with the deed, persons, things and time it is about.
+"""Readings of a question: each is a kind of question with the deed, persons, things and time that it is about.
 
 A question is read in two steps. The first one finds the parts: names, people, times, classes of words, and the deeds
 that its words may name. The second one combines them: each kind of question with each deed is a reading, and the
@@ -20,7 +20,10 @@ from socialbot.runs.asking._clauses import (
     without_report,
 )
 from socialbot.runs.asking._doer import is_done_by_people
-from socialbot.runs.asking._found import (
+from socialbot.runs.asking._main_verb import PARTICLES
+from socialbot.runs.asking._named_beliefs import asked_beliefs
+from socialbot.runs.asking._named_deeds import NamedDeed
+from socialbot.runs.asking._parts import (
     GREETINGS,
     INDEFINITE,
     NAMED,
@@ -30,9 +33,6 @@ from socialbot.runs.asking._found import (
     parts_of,
     prepared,
 )
-from socialbot.runs.asking._main_verb import PARTICLES
-from socialbot.runs.asking._named_beliefs import asked_beliefs
-from socialbot.runs.asking._named_deeds import NamedDeed
 from socialbot.runs.asking._question import Event, Kind, Question
 from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name
