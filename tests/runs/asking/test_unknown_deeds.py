@@ -55,6 +55,8 @@ def waldo() -> RunView:
         ("Did guard a take a look at Bob?", 4),
         ("Did guard a ask for the door to be shut?", 5),
         ("Did the gripper put the box on carrier a?", 1),
+        ("What boxes went onto carrier a?", 1),
+        ("Whose badge did you check?", 4),
     ],
 )
 def test_synonym_reaches_the_deed_of_the_agent_in_question(yard, question, at_s):
@@ -67,6 +69,8 @@ def test_synonym_reaches_the_deed_of_the_agent_in_question(yard, question, at_s)
     ("question", "at_s"),
     [
         ("Hast du Bob kontrolliert?", 4),
+        ("Wessen Ausweis hast du geprüft?", 4),
+        ("¿Condujo el carro a?", 2),
         ("Wann hat der Greifer die Kiste a1 aufgehoben?", 0),
         ("Quand guard_a a-t-il contrôlé Bob ?", 4),
         ("¿Cuándo revisó guard_a a Bob?", 4),
@@ -342,6 +346,7 @@ def test_request_is_found_by_what_was_asked_for(yard, question):
         ("Did the gripper pick up the lamp?", "lamp"), ("Hat spot die Garage besucht?", "garage"),
         ("¿Recogiste la lámpara?", "lampara"), ("As-tu ramassé la caisse d1 ?", "box d1"),
         ("Did guard a check Ann?", "ann"), ("Why did you pick up box 7?", "box 7"),
+        ("Did you drop a box?", "drop"), ("Did you wave at Bob?", "wave"),
     ],
 )  # fmt: skip
 def test_a_refusal_names_what_no_record_has(yard, question, named):
@@ -373,3 +378,16 @@ def test_a_deed_in_several_words_is_no_other_place():
     run = RunView(None, History(records), None)
     for question in ("How often did you go to another place?", "¿Cuántas veces fuiste de un sitio a otro?"):
         assert [clause.claim.value for clause in answer(run, question).clauses][:1] == [3.0], question
+
+
+@pytest.mark.parametrize(
+    ("question", "told"),
+    [
+        ("What was your goal?", "I wanted GreetPeople()"),
+        ("Quand as-tu dit bonjour ?", "j'ai salué la personne t1"),
+        ("Excuse me, who was here?", "Person t1 was here"),
+        ("Why didn't you say goodbye when t2 left?", 'I did not say "goodbye"'),
+    ],
+)
+def test_goals_greetings_and_words_left_unsaid_are_told(waldo, question, told):
+    assert told in answer(waldo, question).text
