@@ -391,3 +391,25 @@ def test_a_deed_in_several_words_is_no_other_place():
 )
 def test_goals_greetings_and_words_left_unsaid_are_told(waldo, question, told):
     assert told in answer(waldo, question).text
+
+
+ADMIT = 'admit() >> [check(W), say("Come in,", W)]'
+CHECK = 'check(W) >> [fail("the badge is unknown")]'
+
+
+def test_the_failure_before_a_deed_tells_why_it_was_left_undone():
+    rows = [
+        ("action", 'say("Come in,", "Ann")', "", {}),
+        ("goal", "admit()", "", {}),
+        ("plan", "admit()", "guard-1", {"rule": ADMIT}),
+        ("goal", 'check("Bob")', "guard-2", {}),
+        ("plan", "check(W)", "guard-3", {"rule": CHECK}),
+        ("failure", 'fail("the badge is unknown")', "guard-4", {"message": "the badge is unknown"}),
+    ]
+    records = (
+        TraceRecord(stamp=n * SECOND, id=f"guard-{n}", source="guard", kind=kind, what=what, cause=cause, detail=detail)
+        for n, (kind, what, cause, detail) in enumerate(rows)
+    )
+    told = answer(RunView(None, History(records), None), "Did you let Bob in?").text
+    assert told.startswith("No:")
+    assert 'at 5 s I failed to do check("Bob"): the badge is unknown' in told
