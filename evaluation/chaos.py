@@ -14,6 +14,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -59,6 +60,8 @@ def main(
     """Draw random faults against running graphs, and check invariants after each."""
     graphs, kinds = _chosen(only, GRAPHS, "--only"), _chosen(faults, tuple(FAULTS), "--faults")
     folder = (out or Path("runs") / f"chaos-{datetime.now(timezone.utc):%Y%m%d-%H%M%S}").resolve()
+    if folder.exists():
+        raise ParameterError(f"{folder} exists already", where="--out", remedy="name a folder that does not exist")
     _enter_namespaces()
     console = Console(highlight=False, soft_wrap=True)
     violations = chaos(folder, graphs, kinds, seed, hours * 3600, lambda line: console.print(line, markup=False))
@@ -94,7 +97,11 @@ def _enter_namespaces() -> None:
     ]
     again = [sys.executable, "-m", "evaluation.chaos", *sys.argv[1:]]
     if subprocess.run([*command, "true"], capture_output=True, check=False).returncode == 0:
-        sys.exit(subprocess.run([*command, *again], env={**os.environ, INSIDE: "1"}, check=False).returncode)
+        inside = subprocess.Popen([*command, *again], env={**os.environ, INSIDE: "1"})
+        for ending in (signal.SIGTERM, signal.SIGHUP):  # unshare ignores them
+            signal.signal(ending, lambda *_: inside.kill())
+        code = inside.wait()
+        sys.exit(code if code >= 0 else 128 - code)
 
 
 def chaos(

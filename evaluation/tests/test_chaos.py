@@ -4,6 +4,7 @@ import json
 import os
 import random
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from psutil import process_iter
 
 from evaluation import chaos, chaos_checks
 from evaluation.chaos import VIOLATION_EXIT, _end
@@ -18,6 +20,7 @@ from evaluation.chaos_checks import Check, FairClock, Subject, orphans, waited_s
 from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_plan import busy_processes
 from socialbot.bridge.environment import own_domain, stale_locks
+from socialbot.core.errors import ParameterError
 from tests.system.running import eventually, next_line
 
 
@@ -209,6 +212,26 @@ def test_memory_that_grows_is_found(subject, monkeypatch):
     assert check.after("nothing", 0.0) == check.after("nothing", 0.0) == []
     monkeypatch.setattr(chaos_checks, "GROWTH_MB", -1e6)
     assert "grew from" in check.after("nothing", 0.0)[0]
+
+
+def test_a_folder_of_other_records_is_refused(tmp_path: Path):
+    with pytest.raises(ParameterError, match=f"{tmp_path} exists already"):
+        chaos.main(out=tmp_path)
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(os.geteuid() != 0, reason="namespaces need root")
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_all_processes(ending, tmp_path: Path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "evaluation.chaos", "--only", "warehouse", "--out", out]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        assert eventually(out.exists)  # by a process in the namespaces
+        process.send_signal(ending)
+        assert process.wait() == 128 + signal.SIGKILL
+    assert eventually(
+        lambda: not any(str(out) in " ".join(each.info["cmdline"] or ()) for each in process_iter(["cmdline"]))
+    )
 
 
 @pytest.mark.slow
