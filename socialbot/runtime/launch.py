@@ -217,8 +217,8 @@ class Member:
 class Supervisor:
     """Supervisor of the processes of one graph; restarts crashed ones. Leaving the context ends them all.
 
-    ``folder`` receives the graph file and logs. ``well`` are the names of processes that ran in an earlier supervisor,
-    so this is no first start.
+    ``folder`` receives the graph file and logs. ``well`` are the names of processes that ran in an earlier supervisor;
+    None at the first start, which fails if the folder cannot be written. A later one waits until it can.
     """
 
     def __init__(
@@ -230,7 +230,7 @@ class Supervisor:
         policy: RestartPolicy | None = None,
         nodes: Collection[str] | None = None,
         variables: Variables = lambda nodes: {},
-        well: Collection[str] = (),
+        well: Collection[str] | None = None,
     ) -> None:
         self._graph = graph
         self._folder = folder
@@ -241,13 +241,14 @@ class Supervisor:
         self._fork_server = ForkServer(graph, folder)
         self._variables = variables
         self._file = folder / "graph.yaml"
+        self._is_first = well is None
         self._bring_up = BringUp((), self._activate, 0.0)
         self.running = RunningNodes(graph)
         self.is_observed: Callable[[Collection[str]], bool] = lambda nodes: True
         """Whether the recorder is connected to nodes, which become active after that, or after `CONFIGURED_S`."""
         own = {config.name for config in graph.nodes} if nodes is None else set(nodes)
         self.members = {
-            name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in well)
+            name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in (well or ()))
             for name, nodes in processes_of(graph, composed=composed).items()
             if own.issuperset(nodes)
         }
@@ -255,13 +256,14 @@ class Supervisor:
     def __enter__(self) -> Supervisor:
         environment.require_ros()
         remove_stale()
-        self._file = write_graph(self._graph, self._folder)
+        if self._is_first:
+            write_graph(self._graph, self._folder)
         own = {node for member in self.members.values() for node in member.nodes}
         order = [node for node in sinks_first(self._graph) if node in own]
         self._bring_up = BringUp(order, self._activate, time.monotonic(), self.is_observed)
         try:
             for member in self.members.values():
-                self._start(member)
+                self._start(member) if self._is_first else self._restart(member, time.monotonic())
         except BaseException:
             self.stop()
             raise

@@ -100,7 +100,7 @@ class _NodesUp:
             policy=source.policy,
             nodes=source.nodes,
             variables=source.variables,
-            well=well or (),
+            well=well,
         )
 
     def attend(self) -> str:

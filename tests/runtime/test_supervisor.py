@@ -188,6 +188,29 @@ def test_a_graph_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert _processes.write_graph(GRAPH, tmp_path).read_text().startswith("name: idlers")
 
 
+def test_a_restart_of_everything_needs_no_room_for_the_graph(scripts: dict[str, str], tmp_path: Path) -> None:
+    """The graph is there since the first start."""
+    _processes.write_graph(GRAPH, tmp_path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4, hard))
+    try:
+        with Supervisor(GRAPH, tmp_path, policy=POLICY, well=()) as supervisor:
+            assert attended(supervisor, lambda: all(one.state == "active" for one in supervisor.members.values()))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_restart_of_everything_waits_for_the_folder_of_the_logs(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "log"
+    folder.touch()
+    with Supervisor(GRAPH, folder, policy=POLICY, well=()) as supervisor:
+        assert attended(supervisor, lambda: caplog.text.count("cannot be started") > 1)
+        folder.unlink()
+        assert attended(supervisor, lambda: all(one.state == "active" for one in supervisor.members.values()))
+
+
 def test_restarts_a_hung_process(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] == "0":
