@@ -12,7 +12,8 @@ import json
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,10 +22,11 @@ import typer
 from ruamel.yaml import YAML
 
 from evaluation.questions_check import Verifier, covers
-from evaluation.questions_runs import NAMES, RUNS
+from evaluation.questions_runs import RUNS, VOCABULARIES
 from evaluation.report import JsonOption, QuickOption, Report, run
 from socialbot.core.errors import ParameterError
-from socialbot.runs.asking import Answer, answer
+from socialbot.runs.asking import Answer, answer, answer_heard
+from socialbot.runs.asking._answers import facts_of
 from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import lexicon
@@ -46,8 +48,8 @@ ASKED_BACK = "(asked back) "
 """Begin of a miss that was asked back without the right reading."""
 SLOW_RUNS = {"corridor"}
 
-Listen = Callable[[str], str]
-"""Return what a recogniser hears of a question."""
+Listen = Callable[[str], Sequence[str]]
+"""Return what a recogniser may have heard of a question, the most likely text first."""
 
 
 def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
@@ -141,8 +143,8 @@ def asked(
     right, wrong, unsupported, kinds = 0, [], [], Counter()
     for line in questions:
         question, _, target = line.partition(" -> ")
-        heard = question if listen is None else listen(question)
-        found = answer(record, heard)
+        texts = [question] if listen is None else listen(question)
+        heard, found = answer_heard(texts, partial(answer, record))
         kinds.update(clause.claim.kind for clause in found.clauses)
         for each in (found, *found.options):
             unsupported += verifier.faults(json.loads(msgspec.json.encode(each)))
@@ -156,10 +158,12 @@ def asked(
     return right, wrong, unsupported, kinds
 
 
-def _listener(run: str) -> Listen:
+def _listener(name: str, run: RecordedRun) -> Listen:
     from evaluation.questions_spoken import Listener
 
-    return Listener(NAMES[run]).hear
+    subjects = facts_of(run).subjects
+    agents = (phrase for phrases in subjects.agent_words().values() for phrase in phrases)
+    return Listener(VOCABULARIES[name], {*subjects.things.values(), *agents}).hear
 
 
 def _is_english(line: str) -> bool:
@@ -198,7 +202,7 @@ def questions(
                 make(folder)
             record, verifier = open_run(folder), Verifier(folder)
             rows[name] = {}
-            listen = _listener(name) if spoken else None
+            listen = _listener(name, record) if spoken else None
             for part, by_run in parts.items():
                 lines = [line for line in by_run.get(name, []) if not spoken or _is_english(line)]
                 right, wrong, unsupported, found = asked(record, verifier, lines, listen)

@@ -165,13 +165,13 @@ RUNS: Mapping[str, Callable[[Path], None]] = {
 }
 """Functions that record each run into a folder, the cheapest ones first."""
 
-NAMES: Mapping[str, str] = {
+VOCABULARIES: Mapping[str, str] = {
     "visits": "greet, offer help, visitor, T1, T2",
     "guard": "Ann, Bob, badge",
-    "harbour": "crane, truck, watchman, scout, crate B1, pier 1, depot, Eve",
-    "hospital": "spot, UVD, nurse, room 1, disinfect, patrol, tidy",
-    "warehouse": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, pick up, unload",
-    "warehouse2": "gripper A, carrier A, carrier B, carrier C, base B, unload",
+    "harbour": "crane A, truck A, watchman, scout A, crate B1, pier 1, depot, Eve",
+    "hospital": "spotrobot1, uvdrobot1, nurse, room 1, milestone, disinfect, patrol, tidy",
+    "warehouse": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, deposit, pick up, unload",
+    "warehouse2": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, deposit, pick up, unload",
     "cleaner": "kitchen, bathroom, bedroom, dock, battery",
     "reception": "greet, offer help, library",
     "corridor": "greet, offer help, visitor",

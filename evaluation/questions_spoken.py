@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -20,7 +21,8 @@ class Listener:
     """Speaks questions in English and recognises them.
 
     Args:
-        names: Words that the recogniser expects.
+        vocabulary: Names and words that the recogniser expects.
+        names: The words of each name in the run.
         model: Speech model.
 
     Raises:
@@ -28,17 +30,33 @@ class Listener:
         ParameterError: The model is missing.
     """
 
-    def __init__(self, names: str, model: str = "base") -> None:
-        self._recognizer = WhisperRecognizer(model, ["en"], vocabulary=names)
+    def __init__(self, vocabulary: str, names: Iterable[Sequence[str]] = (), model: str = "base") -> None:
+        self._recognizer = WhisperRecognizer(model, ["en"], vocabulary=vocabulary)
+        self._names = tuple(names)
         self._voice = open_voice(VOICE, SPEED_WPM)
 
-    def hear(self, question: str) -> str:
-        """Return what the recogniser makes of a question."""
-        sound = self._voice.say(question)
+    def hear(self, question: str) -> Sequence[str]:
+        """Return the texts that the recogniser makes of a question, the most likely one first."""
+        sound = self._voice.say(as_spoken(question, self._names))
         converter = Converter(sound.sample_rate, 1)
         samples = np.concatenate([converter.push(sound.samples[:, None]), converter.flush()])
         heard = self._recognizer.recognize(samples)
-        return "" if heard is None else heard.text
+        return [""] if heard is None else [heard.text, *heard.alternatives]
+
+
+def as_spoken(question: str, names: Iterable[Sequence[str]]) -> str:
+    """Return a question with the letters in names as a person reads them: ``carrier_a`` is "carrier A".
+
+    Args:
+        question: The question as it is written.
+        names: The words of each name.
+    """
+    for words in names:
+        if any(len(word) == 1 and word.isalpha() for word in words):
+            written = re.compile(rf"\b{'[ _]?'.join(map(re.escape, words))}\b", re.IGNORECASE)
+            spoken = " ".join(word.upper() if len(word) == 1 else word for word in words)
+            question = written.sub(spoken, question)
+    return question
 
 
 def language_of(question: str) -> str:

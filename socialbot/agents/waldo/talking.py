@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from importlib import resources
 
 from socialbot.agents.dialogue import (
@@ -67,7 +68,7 @@ from socialbot.core.messages import HeardSpeech, Message, PersonDetections, Spee
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
 from socialbot.runs.asking import Answer as Answered
-from socialbot.runs.asking import answer, asking_back, chosen_option, is_asked
+from socialbot.runs.asking import answer, answer_heard, asking_back, chosen_option, is_asked
 from socialbot.runs.run import LiveRun
 
 
@@ -229,8 +230,8 @@ class TalkingWaldo(WaldoNode):
     def interpret(self, message: HeardSpeech, reading: Reading, text: str, person: str) -> tuple[Reading, str]:
         """Read a sentence as a reply to a question back, or as a question about this run.
 
-        Questions need no phrase. Of the recognised texts the first one counts that is understood surely; without one,
-        the intent is `UNCLEAR`, and its slots are the two closest readings.
+        Questions need no phrase. If the answer is not sure, the intent is `UNCLEAR`, and its slots are the two closest
+        readings.
         """
         language = reading.language
         texts = (text, *(one for one in message.alternatives if one != text))
@@ -241,15 +242,15 @@ class TalkingWaldo(WaldoNode):
                     return Reading(CHOICE, (options[number - 1],), language), each
         if reading and reading.intent != QUESTION:
             return reading, text
-        asked = [each for each in texts if reading or is_asked(each, language)]
-        answers = [self._answer(each, person, language, message.id) for each in asked]
-        for each, found in zip(asked, answers, strict=True):
-            if found.known:
-                return replace(reading, intent=QUESTION, slots=()), each
-        for each, found in zip(asked, answers, strict=True):
-            if found.options:
-                self.conversation.understood[person] = {one.question: one for one in found.options}
-                return Reading(UNCLEAR, tuple(self._answers(person)), language), each
+        questions = [each for each in texts if reading or is_asked(each, language)]
+        if not questions:
+            return reading, text
+        heard_text, found = answer_heard(questions, self._answering(person, language, message.id))
+        if found.known:
+            return replace(reading, intent=QUESTION, slots=()), heard_text
+        if found.options:
+            self.conversation.understood[person] = {one.question: one for one in found.options}
+            return Reading(UNCLEAR, tuple(self._answers(person)), language), heard_text
         return reading, text
 
     def _is_asked(self, person: str) -> bool:
@@ -260,11 +261,11 @@ class TalkingWaldo(WaldoNode):
         """Return the answers to the readings of the last unclear question of a person."""
         return self.conversation.understood.get(person, {})
 
-    def _answer(self, question: str, person: str, language: str, asked_as: str) -> Answered:
-        """Return the answer of what happened so far to a question of a person."""
-        return answer(
+    def _answering(self, person: str, language: str, asked_as: str) -> Callable[[str], Answered]:
+        """Return what answers a person's question about what happened so far."""
+        return partial(
+            answer,
             self._past,
-            question,
             language=language,
             speaker=person,
             agent=self.name,
@@ -278,7 +279,8 @@ class TalkingWaldo(WaldoNode):
         question = reading or heard.text
         found = self._answers(person).get(reading)
         if found is None:
-            found = self._answer(question, person, self.conversation.language_of(person), heard.id)
+            language = self.conversation.language_of(person)
+            found = self._answering(person, language, heard.id)(question)
         self.engine.trace.record(
             "answer",
             found.text,

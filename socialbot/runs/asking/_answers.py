@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
+from difflib import SequenceMatcher
 from weakref import WeakKeyDictionary
 
 import msgspec
@@ -28,7 +29,7 @@ from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._unrecorded import unrecorded
 from socialbot.runs.asking._whether import Whether
-from socialbot.runs.asking._words import folded, tokens
+from socialbot.runs.asking._words import folded, sound, tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
@@ -36,6 +37,8 @@ from socialbot.runs.why import call_of, decided_at
 
 _MOST_UNRECORDED = 2
 """Most names without records that an answer tells."""
+_SIMILAR_SOUND = 0.6
+"""Least share of the consonants that a misheard word and the word that was said have in common."""
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
     "heard": heard, "failed": failed, "believed": believed, "ended": ended,
@@ -100,6 +103,47 @@ def answer(
     elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
         told = _without_record(told, names[:_MOST_UNRECORDED], text)
     return msgspec.structs.replace(told, confidence=confidence)
+
+
+def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tuple[str, Answer]:
+    """Answer a spoken question whose recognised texts are ``texts``, the most likely one first.
+
+    The first one counts. Only if it has words that no record has, they may be misheard: then the first other text that
+    is answered, has words of a similar sound in their places, and denies as much as the first one, is taken.
+
+    Args:
+        texts: The texts, at least one.
+        answered: Returns the answer to a text: `answer` for a run.
+
+    Returns:
+        The text that was taken, and its answer.
+    """
+    first = answered(texts[0])
+    unknown = {
+        word for one in first.clauses if one.claim.kind == "not_named" for word in tokens(" ".join(one.claim.what))
+    }
+    if first.known or not unknown:
+        return texts[0], first
+    negations = {one[0] for one in LANGUAGES[first.language].phrases["not"] if len(one) == 1}
+    words = tokens(texts[0])
+    for text in texts[1:]:
+        others = tokens(text)
+        if _is_misheard(words, others, unknown) and negations.intersection(words) == negations.intersection(others):
+            found = answered(text)
+            if found.known:
+                return text, found
+    return texts[0], first
+
+
+def _is_misheard(words: Sequence[str], others: Sequence[str], unknown: Set[str]) -> bool:
+    """Return whether ``others`` have words of a similar sound in the places of the unknown ``words``."""
+    for change, begin, end, start, stop in SequenceMatcher(None, words, others, autojunk=False).get_opcodes():
+        if unknown.isdisjoint(words[begin:end]):
+            continue
+        sounds = sound("".join(words[begin:end])), sound("".join(others[start:stop]))
+        if change == "equal" or SequenceMatcher(None, *sounds, autojunk=False).ratio() < _SIMILAR_SOUND:
+            return False
+    return True
 
 
 def _without_record(refused: Answer, names: Sequence[str], text: str) -> Answer:

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from functools import partial
+
 import msgspec
 import pytest
 
 from socialbot.core.errors import ParameterError
-from socialbot.runs.asking import Answer, answer
+from socialbot.runs.asking import Answer, answer, answer_heard
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import person, run_of, two_visitors
@@ -457,3 +459,23 @@ def test_the_end_of_a_belief_is_a_reason_in_words(question: str, text: str) -> N
     record = run.history.find(found.clauses[1].records[0])
     assert record is not None
     assert (record.kind, record.what) == ("unbelief", 'comes("t2")')
+
+
+@pytest.mark.parametrize(
+    ("heard", "alternatives", "taken"),
+    [
+        ("Why did you creep me?", ["Why did you greet me?"], 1),
+        ("Why did you creep the second for stir?", ["Why did you greet the second visitor?"], 1),
+        ("Why did you creep me?", ["Why did you creep knee?", "What did you creep?", "Why did you greet me?"], 3),
+        ("Why did you creep me?", [], 0),
+        ("Why did you juggle?", ["Why did you greet me?"], 0),  # nothing that sounds alike
+        ("Why didn't you creep me?", ["Why did you greet me?"], 0),
+        ("Why did you greet me?", ["Why did you leave me?"], 0),
+        ("What is my name?", ["What did you say?"], 0),  # no word of it is unknown
+    ],
+)
+def test_another_recognised_text_counts_only_for_misheard_words(waldo, heard, alternatives, taken):
+    texts = [heard, *alternatives]
+    text, found = answer_heard(texts, partial(answer, waldo))
+    assert text == texts[taken]
+    assert found == answer(waldo, text)
