@@ -35,7 +35,7 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_36", "new_wordings_37")
+SEALED: tuple[str, ...] = ("new_wordings_38", "new_wordings_39", "new_wordings_40")
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
@@ -91,7 +91,7 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "not":
         match = _CALL.fullmatch(rest)
         call, arguments, person = match.groups("") if match else (rest, "", "")
-        if any(_plain(word) in names for word in re.findall(r"\w+", rest)):
+        if any(_plain(word) in names for word in (*re.findall(r"\w+", rest), *tokens(rest))):
             return True
         denied = [claim for claim in claims if claim.kind == "did_not"]
         named = [
@@ -105,7 +105,8 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
             if one.partition("(")[0] == call and {*each.persons, *arguments_of(one)} <= given
         ]
         is_denied = any(claim.persons for claim in with_things)
-        return is_denied or any(not person or person in claim.persons for claim in named)
+        denies_all = any(call in claim.what and not claim.persons and claim.agent in given for claim in denied)
+        return is_denied or denies_all or any(not person or person in claim.persons for claim in named)
     call, _, at = rest.rpartition("@ ")
     whole = kind == "frame" or (bool(claims) and claims[0].kind == "count")
     clauses = found.clauses if whole else found.clauses[:1]

@@ -63,6 +63,8 @@ _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _MOST_BETWEEN = 2
 """Most words between the parts of a verb: ``leave anyone out``."""
+_BECOMING = {"go", "fall", "turn", "grow"}
+"""Verbs before a state: ``go idle``."""
 _LEXICON_WORD = 7
 """Least length of a mistyped word that is spelled as the lexicon has it: shorter ones resemble too many."""
 _LONG = 5
@@ -74,6 +76,7 @@ class Found:
     """Parts of a clause: its classified words, the question without kind and deed, agents with their places, deeds.
 
     ``referred`` are the places of names, people and times, and ``verb`` is that of the main verb, if it is known.
+    ``asks_for`` tells that a person is asked for by the order of the deeds: ``Who was the last person you greeted?``.
     """
 
     reading: Reading
@@ -82,6 +85,7 @@ class Found:
     deeds: Sequence[NamedDeed]
     referred: Set[int]
     verb: int | None
+    asks_for: bool = False
 
 
 def names_in(text: str, languages: Sequence[str], subjects: Subjects) -> set[str]:
@@ -169,7 +173,14 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
     # "Which carrier did it end up on?"
     light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    if verb is not None and stem(reading.words[verb]) in _BECOMING:
+        light |= {
+            verb for each in deeds if verb not in each.places and verb + 1 in each.places
+        }  # "Why did you go idle?"
     verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
+    asks_for = person is not None and bool(deeds) and _is_asked_for(reading, person, referred)
+    if person is not None and asks_for:
+        person, ordinal = None, person.ordinal
     people = {n for name in ("named", "people", "them", "me") for n in reading.places(name)} | referred
     if verb is not None and verb - 1 in people and person is not None and _PASSING.intersection(
         reading.words[verb + 1 : verb + 2]
@@ -200,7 +211,19 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         verb="" if verb is None or verb in explained else reading.words[verb],
         thing_kind=_thing_kind(reading, subjects),
     )  # fmt: skip
-    return Found(reading, question, agents, deeds, referred, verb)
+    return Found(reading, question, agents, deeds, referred, verb, asks_for)
+
+
+def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int]) -> bool:
+    """Return whether a question begins with who a person was that has a number."""
+    if person.ordinal is None or not referred:
+        return False
+    phrases = reading.language.phrases
+    names = ("who", "what", "which", "being", "article")
+    known = {word for name in names for phrase in phrases[name] for word in phrase}
+    before = reading.words[: min(referred)]
+    asking = {word for name in ("who", "what", "which") for phrase in phrases[name] for word in phrase}
+    return not asking.isdisjoint(before) and known.issuperset(before)
 
 
 def _release_deeds(reading: Reading, subjects: Subjects) -> None:

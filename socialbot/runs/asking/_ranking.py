@@ -16,7 +16,7 @@ from socialbot.runs.asking._facts import record_agent
 from socialbot.runs.asking._main_verb import PARTICLES
 from socialbot.runs.asking._parts import VERBS
 from socialbot.runs.asking._question import NEAR_S
-from socialbot.runs.asking._readings import Candidate
+from socialbot.runs.asking._readings import Candidate, asked_kind, concerns_kind
 from socialbot.runs.asking._sentences import Answer
 from socialbot.runs.asking._topics import Subjects, arguments_of
 from socialbot.runs.asking._words import tokens
@@ -228,6 +228,9 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
     yield ("acted" if subjects.acted(topic) else "wanted" if done else "never done"), 1.0
     if not topic.concerns_people and question.person is not None:
         yield "no people", 1.0
+    if kind := asked_kind(reading, subjects):
+        about = [one for one in done if {*question.things} <= {*arguments_of(one.what), one.source}]
+        yield "kind asked", float(any(concerns_kind(one, kind) for one in about))
     if question.things:
         fitting = [len(set(question.things) & {*arguments_of(one.what), one.source}) for one in done]
         yield "things", max(fitting, default=0) / len(question.things)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
+from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._clauses import (
     TELLS,
     Parts,
@@ -267,7 +268,13 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
     says, places = _words_said(found, quoted, subjects)
     for deed in (
-        each for each in found.deeds if not _is_another(each, found) and not has_other_object(each, found, subjects)
+        each
+        for each in found.deeds
+        if not (
+            _is_another(each, found)
+            or has_other_object(each, found, subjects)
+            or _lacks_kind(each, found.reading, subjects)
+        )
     ):
         if _says_another(deed, found, says, subjects):
             continue
@@ -299,6 +306,7 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     if telling and is_teller and not are_tellers and found.reading.language.code != "en":
         asked -= {"heard"}  # "¿Qué me dijiste?"
     asked -= {"see"} if _is_placed(found.reading, question) else set()
+    asked -= {"doing", "said", "see", "who"} if _is_content(found) else set()
     if found.reading.has("who") and found.reading.has("not") and not question.about_left_out:
         asked -= {"who"}  # "Who was not here?"
     asks = found.reading.has(*INTERROGATIVES)
@@ -333,7 +341,9 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
 def _are_doers(found: Found, places: Set[int], subjects: Subjects) -> bool:
     """Return whether people do what the words at these places name: ``Did t1 greet you?``."""
     is_robot_you = bool(subjects.persons) or len(subjects.agents) == 1
-    return not found.agents and is_done_by_people(found.reading, places, found.verb, is_robot_you=is_robot_you)
+    if found.agents or found.asks_for:
+        return False
+    return is_done_by_people(found.reading, places, found.verb, is_robot_you=is_robot_you)
 
 
 def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
@@ -360,6 +370,18 @@ def _is_placed(reading: Reading, question: Question) -> bool:
     free, articles = set(reading.free()), reading.language.phrases["article"]
     has_other = any((word,) in articles and n + 1 in free for n, word in enumerate(reading.words))  # "the library"
     return question.person is not None and reading.has("where", "how_far") and not has_other
+
+
+def _is_content(found: Found) -> bool:
+    """Return whether a question asks what is at a thing, in words that name no deed: ``What was inside box a2?``."""
+    phrases, names = found.reading.language.phrases, found.referred
+    places, others = (
+        {word for name in classes for phrase in phrases[name] for word in phrase}
+        for classes in (("at place",), ("what", "being", "article", "to", "from"))
+    )
+    words = [word for n, word in enumerate(found.reading.words) if n not in names]
+    is_place = not places.isdisjoint(words) and (places | others).issuperset(words)
+    return is_place and found.reading.has("what") and bool(found.question.things or found.agents)
 
 
 def _is_denied(deed: NamedDeed, found: Found) -> bool:
@@ -534,6 +556,24 @@ def _asked_kind(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
     words = reading.words
     asked = next((words[n + 1] for n in range(len(words) - 1) if words[n] == "which"), "")
     return asked if asked in {kind_of_name(each.source) for each in subjects.done(deed.topic)} else ""
+
+
+def asked_kind(reading: Reading, subjects: Subjects) -> str:
+    """Return the kind of names of ``which carrier``, as a stem; empty without one."""
+    words, phrases = reading.words, reading.language.phrases
+    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if (words[n],) in phrases["which"]), "")
+    return asked if asked in {stem(kind) for kind in subjects.kinds if len(kind) > 1} else ""
+
+
+def concerns_kind(call: TraceRecord, kind: str) -> bool:
+    """Return whether a call is one of or about a thing or agent of a kind, which is a stem."""
+    return any(stem(kind_of_name(name)) == kind for name in (call.source, *arguments_of(call.what)))
+
+
+def _lacks_kind(deed: NamedDeed, reading: Reading, subjects: Subjects) -> bool:
+    """Return whether a question asks for a kind of things that the deed has nothing to do with."""
+    kind, done = asked_kind(reading, subjects), subjects.done(deed.topic)
+    return bool(kind and done) and not any(concerns_kind(one, kind) for one in done)
 
 
 def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tuple[tuple[str, ...], Set[int]]:

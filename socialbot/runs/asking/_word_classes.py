@@ -51,7 +51,7 @@ _PARTS = (
     "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
     "comes", "leaves", "waits", "auxiliary",
     "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical", "qualified",
-    "left out", "between", "to", "from", "article", "asks",
+    "left out", "between", "to", "from", "article", "asks", "being", "at place",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _VERBS = {"see", "do", "say", "here", "plan"}

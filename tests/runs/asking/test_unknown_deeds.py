@@ -413,3 +413,61 @@ def test_the_failure_before_a_deed_tells_why_it_was_left_undone():
     told = answer(RunView(None, History(records), None), "Did you let Bob in?").text
     assert told.startswith("No:")
     assert 'at 5 s I failed to do check("Bob"): the badge is unknown' in told
+
+
+@pytest.mark.parametrize(
+    ("question", "deed"),
+    [
+        ("Who was the last person you greeted?", "t2"),
+        ("Who was the last visitor that you offered help to?", "t1"),
+        ("Wer war die letzte Person, der du Hilfe angeboten hast?", "t1"),
+        ("Qui a été la dernière personne à qui tu as proposé de l'aide ?", "t1"),
+        ("¿Quién fue la última persona a la que ofreciste ayuda?", "t1"),
+    ],
+)
+def test_the_last_person_for_whom_something_was_done_is_not_the_last_who_came(waldo, question, deed):
+    found = answer(waldo, question)
+    assert found.clauses[0].claim.kind == "did"
+    assert deed in found.clauses[0].claim.persons
+
+
+@pytest.mark.parametrize("question", ["Why did you go idle?", "Why did you fall idle?", "Why did you turn idle?"])
+def test_verbs_of_becoming_name_no_deed(waldo, question):
+    assert "idle" in answer(waldo, question).text
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Do you have anything left to do?", "Is there anything still to do?", "Hast du noch etwas zu tun?",
+        "Te reste-t-il quelque chose à faire ?", "¿Te queda algo por hacer?",
+    ],
+)  # fmt: skip
+def test_what_is_left_to_do_is_what_is_intended(waldo, question):
+    assert {clause.claim.kind for clause in answer(waldo, question).clauses} <= {"wanted", "nothing_wanted"}
+    assert answer(waldo, question).known
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Who called the elephants over?", "What was inside box a1?", "What is in box a1?", "Was war in Kiste a1?",
+        "What was under box a1?", "What was on carrier a?",
+        "Qu'y avait-il dans la caisse a1 ?", "¿Qué había dentro de la caja a1?",
+    ],
+)  # fmt: skip
+def test_what_no_record_tells_is_not_answered_by_other_deeds(yard, question):
+    assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "deed"),
+    [
+        ("Which carrier got box a1?", "put(gripper_a, box_a1, carrier_a)"),
+        ("Which base did box a1 come from?", "pickup(gripper_a, box_a1, base_1)"),
+    ],
+)
+def test_a_deed_without_the_kind_that_is_asked_for_is_no_answer(yard, question, deed):
+    found = answer(yard, question)
+    told = [found.text, *(each.question for each in found.options)]
+    assert all(deed in one for one in told if "box_a1" in one)

@@ -82,14 +82,16 @@ ENGLISH = Language(
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
             "plan to,planning,want to do,you want,have any plans,intend,intention,intentions,going to,will you,want,"
-            "agenda,schedule,to do list,goal,goals,aim,desire,plans,accomplish,achieve,attain,pursue,objective,"
+            "left to do,still to do,yet to do,left to be done,agenda,schedule,to do list,goal,goals,aim,desire,"
+            "plans,accomplish,achieve,attain,pursue,objective,"
             "objectives,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "outcome": (
             "end,ended,ends,finish,finished,succeed,succeeded,success,successful,successfully,complete,completed,outcome,"
             "result,go well,went well,work out,worked out,according to plan,accomplish,accomplished,achieve,achieved,"
-            "over,come to an end,came to an end,go smoothly,went smoothly,go according to plan,in order"
+            "be over,is over,was over,are over,were over,it over,all over,everything over,come to an end,"
+            "came to an end,go smoothly,went smoothly,go according to plan,in order"
         ),
         "fail": (
             "go wrong,goes wrong,went wrong,gone wrong,going wrong,fail,failed,failure,failures,problem,problems,"
@@ -137,7 +139,7 @@ ENGLISH = Language(
         "seconds": "s,sec,secs,second,seconds",
         "minutes": "min,mins,minute,minutes",
         "at": "at,around,about,after,in,from,during,by",
-        "end": "at the end,at the very end,in the end,at the close,towards the end,near the end,at the finish",
+        "end": "at the end,at the very end,in the end,at the close,towards the end,near the end,at the finish,finally",
         "overall": "total,altogether,overall,in all,so far,up to now,until now",
         "talk": "speak,talk,converse,chat",
         "silent": (
@@ -237,6 +239,8 @@ ENGLISH = Language(
         "to": "to,into,onto,enter,entered,reach,reached,visit,visited",
         "from": "from,leave,left,leaving,exit,exited",
         "article": "the,a,an",
+        "being": "is,was,are,were,been,has been,there",
+        "at place": "in,inside,within,on,onto,under,underneath,below,above,behind,beside,near,between,at,next to",
     },
     {
         "because": " because",

@@ -22,7 +22,7 @@ FRENCH = Language(
         "how_often": "combien de fois,a quelle frequence",
         "how_many": "combien de,combien,nombre de",
         "unanswerable": (
-            "comment s appelle,comment s appelait,comment t appelles,ou,quel age,quelle couleur,a qui,comment,"
+            "comment s appelle,comment s appelait,comment t appelles,ou,quel age,quelle couleur,comment,"
             "combien coute,a qui appartient,a qui appartiennent,appartient,"
             "a qui est"
         ),
@@ -38,7 +38,8 @@ FRENCH = Language(
         "happen": "passe,arrive,passait,produit",
         "next": "ensuite,apres,prochaine,prochain,suite,suivant",
         "plan": (
-            "comptes,comptais,prevois,prevu,prevoyais,veux,voulais,vas,allais,allez,intention,but,objectif,plan,"
+            "quelque chose a faire,reste a faire,reste il a faire,comptes,comptais,prevois,prevu,prevoyais,"
+            "veux,voulais,vas,allais,allez,intention,but,objectif,plan,"
             "voulez,feras,projet,va faire,vont faire,compte,comptent,veut,veulent,prevoit,prevoient,prevoyez,comptez,"
             "ferez,fera"
         ),
@@ -78,7 +79,7 @@ FRENCH = Language(
         "seconds": "s,sec,seconde,secondes",
         "minutes": "min,minute,minutes",
         "at": "a,apres,vers,au bout de,dans",
-        "end": "a la fin,tout a la fin",
+        "end": "a la fin,tout a la fin,vers la fin,finalement,enfin",
         "overall": "en tout,au total,jusqu ici",
         "talk": "parler,parle,discuter",
         "silent": "silencieux,muet,silence,tu t es tu,abstenu",
@@ -142,6 +143,8 @@ FRENCH = Language(
         "to": "a,au,aux,dans,vers,sur",
         "from": "de,du,des,d,depuis,quitte,quitter",
         "article": "le,la,les,l,un,une",
+        "being": "est,etait,sont,etaient,fut,a ete,ont ete,y a t il,y avait il,il y avait,il y a,se trouvait",
+        "at place": "dans,sur,sous,derriere,devant,a cote,a l interieur,entre,pres,au dessus,au dessous",
     },
     {
         "because": " car",

@@ -40,7 +40,8 @@ GERMAN = Language(
         "happen": "passiert,geschehen,geschieht,passierte,geschah,los",
         "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
         "plan": (
-            "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst,werdet,wollt,"
+            "noch zu tun,noch etwas zu tun,noch zu erledigen,planst,vor,vorhast,willst,wirst,ziel,absicht,plan,"
+            "plane,ziele,mochtest,beabsichtigst,werdet,wollt,"
             "wollen,vorhabt,vorhaben"
         ),
         "outcome": (
@@ -85,7 +86,7 @@ GERMAN = Language(
         "seconds": "s,sek,sekunde,sekunden",
         "minutes": "min,minute,minuten",
         "at": "bei,nach,um,in,ab",
-        "end": "am ende,am schluss,zum schluss,ganz am ende",
+        "end": "am ende,am schluss,zum schluss,ganz am ende,gegen ende,kurz vor dem ende,schliesslich,endlich",
         "overall": "insgesamt,bisher,bislang",
         "talk": "sprechen,gesprochen,reden,geredet",
         "silent": "still,stumm,schweigsam,geschwiegen,schweigen,zuruckgehalten,wortlos",
@@ -153,6 +154,8 @@ GERMAN = Language(
         "to": "zu,zur,zum,nach,in,ins,auf,an",
         "from": "von,vom,aus,verlassen,verliess",
         "article": "der,die,das,den,dem,ein,eine,einen,einem",
+        "being": "ist,war,sind,waren,gewesen,gab es,gibt es,befand sich",
+        "at place": "in,im,innerhalb,drin,auf,unter,uber,hinter,vor,neben,zwischen,bei,an,am",
     },
     {
         "because": ", denn",

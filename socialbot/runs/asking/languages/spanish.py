@@ -33,7 +33,8 @@ SPANISH = Language(
         "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
         "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
         "plan": (
-            "planeas,planeabas,piensas,pensabas,quieres,querias,ibas a,vas a,intencion,objetivo,plan,meta,pretendes,"
+            "por hacer,algo que hacer,planeas,planeabas,piensas,pensabas,quieres,querias,ibas a,vas a,"
+            "intencion,objetivo,plan,meta,pretendes,"
             "haras,vais a,va a,van a,pensais,piensa,quereis,quiere,planeais,planea,piensan,quieren"
         ),
         "outcome": (
@@ -74,7 +75,7 @@ SPANISH = Language(
         "seconds": "s,seg,segundo,segundos",
         "minutes": "min,minuto,minutos",
         "at": "a,en,despues de,tras,sobre",
-        "end": "al final,al terminar",
+        "end": "al final,al terminar,hacia el final,cerca del final,finalmente,por fin",
         "overall": "en total,hasta ahora",
         "talk": "hablar,hablaste,hablado",
         "silent": "callado,silencioso,mudo,silencio,callaste,abstuviste",
@@ -136,6 +137,8 @@ SPANISH = Language(
         ),
         "between": "entre",
         "to": "a,al,hacia,en,hasta",
+        "being": "es,era,son,eran,fue,fueron,ha sido,hay,habia,hubo,estaba",
+        "at place": "en,dentro,sobre,encima,bajo,debajo,detras,delante,junto,entre,cerca,adentro",
         "from": "de,del,desde,dejaste,dejo,abandonaste",
         "article": "el,la,los,las,un,una",
     },
