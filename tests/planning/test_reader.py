@@ -330,6 +330,7 @@ def test_mistakes_in_domains(text, message):
     with pytest.raises(PlanningError) as caught:
         read_domain(text)
     assert message in str(caught.value)
+    assert "not supported" not in str(caught.value) or "\n  remedy: " in str(caught.value)
 
 
 def test_a_parenthesis_that_is_missing_is_looked_for_where_the_next_section_begins():
@@ -367,6 +368,7 @@ def test_mistakes_in_conditions(condition, message):
             make(condition)
         assert message in str(caught.value)
         assert str(caught.value).startswith("domain:")
+        assert "not supported" not in str(caught.value) or "\n  remedy: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -402,6 +404,7 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
     with pytest.raises(PlanningError) as caught:
         last(condition, effect, duration)
     assert str(caught.value).startswith(message)
+    assert "not supported" not in str(caught.value) or "\n  remedy: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -435,6 +438,7 @@ def test_mistakes_in_problems(rest, message):
     with pytest.raises(PlanningError) as caught:
         problem(rest)
     assert str(caught.value).startswith(message)
+    assert "not supported" not in str(caught.value) or "\n  remedy: " in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,8 @@ PREFERENCES = frozenset({
     "preference", "always", "sometime", "within", "at-most-once", "sometime-after", "sometime-before",
     "always-within", "hold-during", "hold-after",
 })  # fmt: skip
+_AT_ONCE = "write (at start ...) or (at end ...) with the whole change"
+NO_PREFERENCES = "state it as a condition or a goal, or leave it out; wishes are desires with priorities"
 _INSTANTANEOUS = (":parameters", ":vars", ":precondition", ":effect")
 _DURATIVE = (":parameters", ":vars", ":duration", ":condition", ":effect")
 _TIMES: dict[str, TimeSpecifier] = {"at start": "start", "over all": "over all", "at end": "end"}
@@ -79,7 +81,7 @@ class FormulaReader:
         group = self.names.group(item, "a predicate")
         word = self.names.word(group.items, 0, "the name of a predicate", group)
         if word.text in PREFERENCES and word.text not in self.names.domain.predicates:
-            raise self.names.unsupported(f"preferences and constraints ({word})", word)
+            raise self.names.unsupported(f"preferences and constraints ({word})", word, NO_PREFERENCES)
         return Predicate(word.text, self.names.terms(word, group, scope, "predicate"))
 
     def _quantified(self, group: SexpGroup, scope: Scope) -> tuple[tuple[TypedName, ...], Sexpression, Scope]:
@@ -110,7 +112,7 @@ class FormulaReader:
                 raise self.names.error(f"{word} takes two numbers, not {len(parts)}: {item}", item)
             return Arithmetic(word.text, parts)
         if item.text == "#t":
-            raise self.names.unsupported("continuous effects (#t)", item)
+            raise self.names.unsupported("continuous effects (#t)", item, _AT_ONCE)
         if item.text != "?duration":
             return self.fluent(item, scope)
         if not scope.duration:
@@ -147,7 +149,7 @@ class FormulaReader:
                 for condition in self.conditions(part, inner, None)
             )
         if group.head in PREFERENCES:
-            raise self.names.unsupported(f"preferences and constraints ({group.head})", group)
+            raise self.names.unsupported(f"preferences and constraints ({group.head})", group, NO_PREFERENCES)
         when, part = self._time(group)
         return self.conditions(part, scope, when)
 
@@ -168,17 +170,19 @@ class FormulaReader:
                 conditions = self.conditions(condition, scope, time)
                 by_time = _by_time(self.effects(part, scope, time))
                 if any(one.when != when for one in conditions for when, _ in by_time):
-                    raise self.names.unsupported(f"an effect at another time than its condition: {group}", group)
+                    what = f"an effect at another time than its condition: {group}"
+                    raise self.names.unsupported(what, group, "give both the same time, at start or at end")
                 formulas = tuple(one.formula for one in conditions)
                 formula = formulas[0] if len(formulas) == 1 else And(formulas)
                 return tuple(TimedEffect(when, ConditionalEffect(formula, inside)) for when, inside in by_time)
         if time is not None:
             return (TimedEffect(time, self._effect(group, scope)),)
         if group.head in CHANGES:
-            raise self.names.unsupported(f"continuous effects, or an effect without a time: {group}", group)
+            what = f"continuous effects, or an effect without a time: {group}"
+            raise self.names.unsupported(what, group, _AT_ONCE)
         when, part = self._time(group)
         if when == "over all":
-            raise self.names.unsupported("effects over all the duration of an action", group)
+            raise self.names.unsupported("effects over all the duration of an action", group, _AT_ONCE)
         return self.effects(part, scope, when)
 
     def _effect(self, group: SexpGroup, scope: Scope) -> Effect:
@@ -262,7 +266,8 @@ class FormulaReader:
         if group.head == "at":
             time, part = self._time(group)
             if time == "end":
-                raise self.names.unsupported("bounds of a duration that are taken at its end", group)
+                what = "bounds of a duration that are taken at its end"
+                raise self.names.unsupported(what, group, "write (at start ...), or the bound alone")
             return self._duration_parts(part)
         return [group] if group.items else []
 

@@ -129,18 +129,21 @@ class Scope:
 DECLARED = frozenset({"type", "predicate", "function", "variable", "object"})
 """Kinds of names that files declare."""
 
-_OTHER_LANGUAGES: dict[str, str] = {
-    "oneof": "effects that depend on chance",
-    "probabilistic": "effects that depend on chance",
-    ":observe": "observations",
-    ":task": "task networks of HDDL",
-    ":method": "task networks of HDDL",
-    ":htn": "task networks of HDDL",
-    ":agent": "agents of MA-PDDL",
-    ":private": "private names of agents of MA-PDDL",
-    ":expansion": "expansions of PDDL 1.2",
+_HDDL = ("task networks of HDDL", "write each task as an action or a goal, or use `socialbot.planning.htn`")
+_MA_PDDL = "leave it out: the agents are the arguments of the actions"
+_CHANCE = ("effects that depend on chance", "write the wanted outcome; the plan is made again after another one")
+_OTHER_LANGUAGES: dict[str, tuple[str, str]] = {
+    "oneof": _CHANCE,
+    "probabilistic": _CHANCE,
+    ":observe": ("observations", "write an effect; what sensors see becomes a belief while the plan runs"),
+    ":task": _HDDL,
+    ":method": _HDDL,
+    ":htn": _HDDL,
+    ":agent": ("agents of MA-PDDL", _MA_PDDL),
+    ":private": ("private names of agents of MA-PDDL", _MA_PDDL),
+    ":expansion": ("expansions of PDDL 1.2", "write each of its steps as an action"),
 }
-"""Words of languages, and of early PDDL, that extend PDDL in ways that plans of actions cannot express."""
+"""Words of languages, and of early PDDL, that extend PDDL in ways that plans cannot express, and remedies."""
 
 
 @dataclass
@@ -154,13 +157,17 @@ class Vocabulary:
     def error(self, what: str, at: Sexpression, remedy: str | None = None) -> PlanningError:
         return PlanningError(what, where=f"{self.where}:{at.line}", remedy=remedy)
 
-    def unsupported(self, what: str, at: Sexpression) -> PlanningError:
-        return self.error(f"not supported by socialbot: {what}", at)
+    def unsupported(self, what: str, at: Sexpression, remedy: str) -> PlanningError:
+        return self.error(f"not supported by socialbot: {what}", at, remedy)
+
+    def _of_another_language(self, word: str, at: Sexpression) -> PlanningError:
+        what, remedy = _OTHER_LANGUAGES[word]
+        return self.unsupported(f"{what} ({word})", at, remedy)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], at: Sexpression) -> PlanningError:
         """Return an error for an undeclared name: of another language, or with the nearest declared one."""
         if name in _OTHER_LANGUAGES:
-            return self.unsupported(f"{_OTHER_LANGUAGES[name]} ({name})", at)
+            return self._of_another_language(name, at)
         names = list(known)
         near = difflib.get_close_matches(name, names, n=1)
         remedy = f"declare the {kind}" if kind in DECLARED else f"known: {', '.join(names)}"
@@ -188,7 +195,7 @@ class Vocabulary:
 
     def new_name(self, word: SexpWord, what: str) -> str:
         if word.text in _OTHER_LANGUAGES and word.text.startswith(":"):
-            raise self.unsupported(f"{_OTHER_LANGUAGES[word.text]} ({word})", word)
+            raise self._of_another_language(word.text, word)
         reserved = word.text in RESERVED and not (what == "a type" and word.text == "number")
         pattern = _OBJECT_NAME if what == "an object" else _NAME
         if reserved or not pattern.fullmatch(word.text) or is_number(word):
@@ -209,7 +216,7 @@ class Vocabulary:
         for item in rest:
             if isinstance(item, SexpGroup):
                 if item.head in _OTHER_LANGUAGES:
-                    raise self.unsupported(f"{_OTHER_LANGUAGES[item.head]} ({item.head})", item)
+                    raise self._of_another_language(item.head, item)
                 raise self.error(f"expected a name, found {item}", item)
             if item.text != "-":
                 waiting.append(item)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import graphlib
 from dataclasses import replace
 
-from socialbot.planning.pddl._formula_reader import FormulaReader
+from socialbot.planning.pddl._formula_reader import NO_PREFERENCES, FormulaReader
 from socialbot.planning.pddl._parser import (
     Scope,
     SexpGroup,
@@ -60,15 +60,16 @@ _OF_DOMAINS = (
 )  # fmt: skip
 _OF_PROBLEMS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric", ":length")
 _ONCE = (":domain", ":goal", ":metric", ":length")
+_IN_PROBLEM = "write the facts into :init of the problem"
 _UNSUPPORTED = {
-    ":constraints": "preferences and constraints (:constraints)",
-    ":process": "continuous change (:process)",
-    ":event": "events of the world (:event)",
-    ":axiom": "axioms of PDDL 1.2 (:axiom)",
-    ":extends": "domains that extend others (:extends)",
-    ":safety": "safety constraints of PDDL 1.2 (:safety)",
-    ":situation": "situations of PDDL 1.2 (:situation)",
-    ":timeless": "facts of PDDL 1.2 in domains (:timeless)",
+    ":constraints": ("preferences and constraints (:constraints)", NO_PREFERENCES),
+    ":process": ("continuous change (:process)", "write the whole change as an effect of a durative action"),
+    ":event": ("events of the world (:event)", "write (at TIME ...) into :init, or plan again after the event"),
+    ":axiom": ("axioms of PDDL 1.2 (:axiom)", "write it as (:derived (NAME ...) CONDITION)"),
+    ":extends": ("domains that extend others (:extends)", "copy what the other domain declares into this one"),
+    ":safety": ("safety constraints of PDDL 1.2 (:safety)", "write it as a precondition of the actions"),
+    ":situation": ("situations of PDDL 1.2 (:situation)", _IN_PROBLEM),
+    ":timeless": ("facts of PDDL 1.2 in domains (:timeless)", _IN_PROBLEM),
 }
 
 
@@ -116,7 +117,8 @@ class _FileReader:
         for section in sections:
             word = names.word(section.items, 0, "the name of a section", section)
             if word.text in _UNSUPPORTED:
-                raise names.unsupported(_UNSUPPORTED[word.text], word)
+                what, remedy = _UNSUPPORTED[word.text]
+                raise names.unsupported(what, word, remedy)
             if word.text not in known:
                 raise names.unknown("section", word.text, known, word)
             if word.text in seen and word.text in _ONCE:
@@ -190,7 +192,8 @@ class _DomainReader(_FileReader):
         """Remove ``- number`` from a list of functions."""
         for dash, kind in zip(items, (*items[1:], None), strict=False):
             if str(dash) == "-" and str(kind) != "number":
-                raise self._names.unsupported(f"functions whose values are no numbers (- {kind or dash})", dash)
+                what = f"functions whose values are no numbers (- {kind or dash})"
+                raise self._names.unsupported(what, dash, "write a predicate with the value as its last argument")
         pairs = zip((None, *items), items, strict=False)
         return tuple(item for before, item in pairs if "-" not in (str(before), str(item)))
 
