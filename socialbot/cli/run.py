@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -108,7 +107,6 @@ def simulate(
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
     enter_domain(context, console, domain, runner, verbose=verbose)
-    logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     pictures = RecentPictures() if image_topics(graph) else None
     # The page shows the pictures of the bag.

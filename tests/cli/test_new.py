@@ -58,6 +58,15 @@ def test_tests_of_the_project_pass(project: Path) -> None:
     check_tests_pass(project)
 
 
+def test_a_run_warns_of_an_action_that_no_class_is_for(tmp_path: Path) -> None:
+    project = write_project(f"greeter{next(NUMBERS)}", "asl", tmp_path)
+    plans = project / project.name / "agent.asl"
+    plans.write_text(plans.read_text().replace('say("Goodbye!")', 'sya("Goodbye!")'))
+    done = socialbot("run", project / "graph.yaml", "--out", tmp_path / "run")
+    assert done.returncode == 0
+    assert f"{plans}:12: there is no action sya/1; did you mean say?" in done.stderr
+
+
 def test_a_planning_robot_runs_and_its_tests_pass(planning_project: Path) -> None:
     assert [one.name for one in load_graph(str(planning_project / "graph.yaml")).nodes] == [planning_project.name]
     check_tests_pass(planning_project)
