@@ -105,7 +105,10 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
             if one.partition("(")[0] == call and {*each.persons, *arguments_of(one)} <= given
         ]
         is_denied = any(claim.persons for claim in with_things)
-        denies_all = any(call in claim.what and not claim.persons and claim.agent in given for claim in denied)
+        # That an agent did it not at all denies it for all things.
+        denies_all = any(
+            call in claim.what and not claim.persons and claim.agent in {*given, person} for claim in denied
+        )
         return is_denied or denies_all or any(not person or person in claim.persons for claim in named)
     call, _, at = rest.rpartition("@ ")
     whole = kind == "frame" or (bool(claims) and claims[0].kind == "count")

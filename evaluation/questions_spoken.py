@@ -67,4 +67,5 @@ def language_of(question: str) -> str:
         code: {word for alternatives in each.phrases.values() for phrase in alternatives for word in phrase}
         for code, each in LANGUAGES.items()
     }
-    return max(known, key=lambda code: sum(word in known[code] for word in words))
+    own = {code: sum(letter in each.letters for letter in question.lower()) for code, each in LANGUAGES.items()}
+    return max(known, key=lambda code: sum(word in known[code] for word in words) + own[code])
