@@ -130,6 +130,8 @@ class AgentNode(Node):
         self._alarm: Timer | None = None
         self._shown: Mind | None = None
         self._next_look = 0
+        self._is_to_show = True
+        """Whether something was recorded or a time was up since the mind was shown."""
         self._beliefs: tuple[MindBelief, ...] | None = None
         self._mind_file: MindFile | None = None
         self._paused = False
@@ -177,7 +179,8 @@ class AgentNode(Node):
         if busy:
             self.wake()
         self._set_alarm(self.engine.next_wakeup())
-        if not busy or self.clock.now() >= self._next_look:
+        # Most messages of sensors change nothing.
+        if (self._is_to_show and not busy) or self.clock.now() >= self._next_look:
             self._show_mind()
 
     # Commands of users
@@ -236,6 +239,7 @@ class AgentNode(Node):
 
     def _ring(self) -> None:
         self._due = self._alarm = None
+        self._is_to_show = True
         self.think()
 
     def act(self, action: Action, *arguments: str | int | float | bool) -> None:
@@ -246,6 +250,7 @@ class AgentNode(Node):
 
     def record(self, record: Record) -> None:
         """Publish a trace record."""
+        self._is_to_show = True
         if record.kind in ("belief", "unbelief"):
             self._beliefs = None
         if self._mind_file is not None:
@@ -265,7 +270,7 @@ class AgentNode(Node):
         )
 
     def _show_mind(self) -> None:
-        engine, before = self.engine, self._shown
+        engine, before, self._is_to_show = self.engine, self._shown, False
         self._next_look = self.clock.now() + nanoseconds(SHOW_EVERY_S)
         if self._beliefs is None:
             self._beliefs = tuple(

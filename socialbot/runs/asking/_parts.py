@@ -218,12 +218,10 @@ def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int])
     """Return whether a question begins with who a person was that has a number."""
     if person.ordinal is None or not referred:
         return False
-    phrases = reading.language.phrases
-    names = ("who", "what", "which", "being", "article")
-    known = {word for name in names for phrase in phrases[name] for word in phrase}
-    before = reading.words[: min(referred)]
-    asking = {word for name in ("who", "what", "which") for phrase in phrases[name] for word in phrase}
-    return not asking.isdisjoint(before) and known.issuperset(before)
+    phrases, before = reading.language.phrases, reading.words[: min(referred)]
+    asking = {one[0] for name in ("who", "what", "which") for one in phrases[name] if len(one) == 1}
+    others = {word for name in ("being", "article") for phrase in phrases[name] for word in phrase}
+    return not asking.isdisjoint(before) and (asking | others).issuperset(before)
 
 
 def _release_deeds(reading: Reading, subjects: Subjects) -> None:
