@@ -42,6 +42,8 @@ class TransformTree:
         self._parents: dict[str, deque[Transform]] = {}
         self._moving: set[str] = set()
         self._check_at = _CHECKED_FRAMES
+        self._forget_from, self._ignored = 0, 0
+        """Stamp (ns) from which more frames can be forgotten, and the number of frames ignored since then."""
 
     def add(self, transforms: Iterable[Transform], *, moving: bool = False) -> None:
         """Add transforms. One with another parent replaces those of its frame.
@@ -57,8 +59,10 @@ class TransformTree:
                 continue
             known = self._parents.get(each.child)
             if known is None and len(self._parents) >= self._check_at:
-                self._forget(each.stamp)
+                if each.stamp >= self._forget_from or self._ignored >= _MOST_FRAMES:  # a flood costs little
+                    self._forget(each.stamp)
                 if len(self._parents) >= _MOST_FRAMES:
+                    self._ignored += 1
                     continue
             if known is None or known[-1].parent != each.parent:
                 known = self._parents[each.child] = deque(maxlen=_KEPT)
@@ -71,6 +75,7 @@ class TransformTree:
             if self._parents[frame][-1].stamp < now - _FORGET_NS:
                 del self._parents[frame]
                 self._moving.discard(frame)
+        self._forget_from, self._ignored = now + _FORGET_NS // 6, 0
         self._check_at = min(max(2 * len(self._parents), _CHECKED_FRAMES), _MOST_FRAMES)
 
     def newest(self, frame: str) -> int | None:
