@@ -103,6 +103,7 @@ def test_the_engine_reacts_as_the_hand_written_loop_does():
         post(engine, [programs.person("no")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workload", [react, select, join, descend, texts])
 def test_a_workload_tells_its_rates(workload):
     figures = workload(TINY)
@@ -137,6 +138,7 @@ def test_a_row_becomes_ratio_and_share_in_the_table():
     assert lines == {"ratio_few": "ok", "ratio_many": "below", "share_many": "below"}
 
 
+@pytest.mark.slow
 def test_tokens_go_round():
     figures = ring(TINY)
     assert isinstance(figures["ratio_3_3"], float)
@@ -160,10 +162,12 @@ def test_events_are_acted_upon_in_the_same_thread_and_from_another_one():
         assert all(ns > 0 for ns in took)
 
 
+@pytest.mark.slow
 def test_an_agent_takes_memory():
     assert 0 < float(fresh("-m", "evaluation.engine_host", "2000")) < 100
 
 
+@pytest.mark.slow
 def test_the_engine_without_the_hook_reasons_alike_and_leaves_the_usual_one_alone():
     with hookless() as without:
         bare = without.ready_agent(without.react_rule())
@@ -269,6 +273,7 @@ def test_workloads_are_chosen_by_name():
             chosen(strange)
 
 
+@pytest.mark.slow
 def test_a_rate_is_taken_over_as_many_units_as_fit():
     done: list[int] = []
     assert rate(done.append, most=10) > 0
@@ -277,6 +282,7 @@ def test_a_rate_is_taken_over_as_many_units_as_fit():
     assert done[-1] == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "peer"), [("agentspeak", AgentSpeak), ("py_trees", Trees)])
 def test_a_peer_that_is_installed_runs_the_workloads_it_can(module, peer):
     pytest.importorskip(module)

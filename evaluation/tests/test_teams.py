@@ -17,7 +17,9 @@ def test_schedules_depend_on_seeds_only_and_have_all_worlds():
     assert len(set(schedules(50))) == 50
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3, 93, 113, 24, 119])
+@pytest.mark.parametrize(
+    "number", [0, 1, 2, 3, 93, 24, *(pytest.param(one, marks=pytest.mark.slow) for one in (113, 119))]
+)
 def test_everything_that_can_be_done_is_done(number: int):
     outcome = play(schedules(number + 1)[number])
     assert outcome.missed == frozenset()

@@ -113,7 +113,7 @@ def compare(both: Both, stimuli) -> None:
             return
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=SLOW)
+@settings(deadline=None, max_examples=75, suppress_health_check=SLOW)
 @given(PROGRAMS, STIMULI)
 def test_engine_matches_reference(program, stimuli):
     compare(Both(program), stimuli)
@@ -140,7 +140,7 @@ def test_a_step_in_a_block_takes_one_turn_like_any_other(block):
     )
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=SLOW)
+@settings(deadline=None, max_examples=75, suppress_health_check=SLOW)
 @given(SOCIAL_PROGRAMS, RULES, SOCIAL_STIMULI)
 def test_waits_rules_annotations_and_messages_match_the_reference(program, rules, stimuli):
     compare(Social(program, rules), stimuli)

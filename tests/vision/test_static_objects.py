@@ -25,6 +25,7 @@ def patterned(seed: int, width: int, height: int) -> np.ndarray:
 
 
 ROOM = patterned(1, WIDTH, HEIGHT)
+NOISES = np.random.default_rng(0).normal(0, 1, (32, HEIGHT, WIDTH)).astype(np.float32)
 COAT, PERSON = patterned(2, 80, 240), patterned(3, 80, 240)
 
 
@@ -64,7 +65,7 @@ class Camera:
         picture = self.room.copy()
         for shape, (x, y, w, h) in things.values():
             picture[round(y) : round(y + h), round(x) : round(x + w)] = shape[: round(h), : round(w)]
-        noise = np.random.default_rng(self.count).normal(0, self.noise, picture.shape)
+        noise = self.noise * NOISES[self.count % len(NOISES)]
         image = np.clip(self.gain * picture + noise, 0, 255).astype(np.uint8)
         self.count += 1 + skipped
         tracks = [
