@@ -35,7 +35,7 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_38", "new_wordings_39", "new_wordings_40")
+SEALED: tuple[str, ...] = ("new_wordings_39", "new_wordings_40")
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
