@@ -35,8 +35,10 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_39", "new_wordings_40")
+SEALED: tuple[str, ...] = ("new_wordings_38", "new_wordings_39", "new_wordings_40")
 """Lists that have led to no change of the answers yet."""
+UNUSUAL = tuple(f"new_wordings_{number}" for number in range(13, 24))
+"""Lists of unusual questions, each of which uses every pattern once."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
 """Call with its arguments, and a person."""
@@ -61,7 +63,7 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
     unnamed = [claim.what[0] for claim in claims if claim.kind == "not_named"]
-    names = set(map(_plain, unnamed))
+    names = {*map(_plain, unnamed), *(word for name in unnamed for word in tokens(name))}
     meant = {meaning for name in unnamed for meaning in lexicon.meanings((*tokens(name),), found.language)}
     names |= {word for word in tokens(rest) if meant & lexicon.meanings((word,))}  # "Kaffee" is coffee
     if kind == "unknown":

@@ -37,6 +37,8 @@ from socialbot.runs.why import call_of, decided_at
 
 _MOST_UNRECORDED = 2
 """Most names without records that an answer tells."""
+_LETTER = re.compile(r"(?<=\w) [A-HJ-Z]\b")
+"""Letter of a name behind a word; "I" is a word."""
 _SIMILAR_SOUND = 0.6
 """Least share of the consonants that a misheard word and the word that was said have in common."""
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
@@ -109,7 +111,8 @@ def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tup
     """Answer a spoken question whose recognised texts are ``texts``, the most likely one first.
 
     The first one counts. Only if it has words that no record has, they may be misheard: then the first other text that
-    is answered, has words of a similar sound in their places, and denies as much as the first one, is taken.
+    is answered, has words of a similar sound in their places, and denies as much as the first one, is taken. A text
+    with a letter more, as in "carrier A", counts before one without it: unstressed letters are missed easily.
 
     Args:
         texts: The texts, at least one.
@@ -118,6 +121,9 @@ def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tup
     Returns:
         The text that was taken, and its answer.
     """
+    whole = next((text for text in texts[1:] if _LETTER.search(text) and _is_without_letter(texts[0], text)), "")
+    if whole and (found := answered(whole)).known:
+        return whole, found
     first = answered(texts[0])
     unknown = {
         word for one in first.clauses if one.claim.kind == "not_named" for word in tokens(" ".join(one.claim.what))
@@ -133,6 +139,11 @@ def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tup
             if found.known:
                 return text, found
     return texts[0], first
+
+
+def _is_without_letter(text: str, other: str) -> bool:
+    """Return whether a text has the words of another one without its capital letters."""
+    return not _LETTER.search(text) and tokens(text) == tokens(_LETTER.sub("", other))
 
 
 def _is_misheard(words: Sequence[str], others: Sequence[str], unknown: Set[str]) -> bool:

@@ -5,7 +5,9 @@ from functools import partial
 import msgspec
 import pytest
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
+from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking import Answer, answer, answer_heard
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
@@ -479,3 +481,24 @@ def test_another_recognised_text_counts_only_for_misheard_words(waldo, heard, al
     text, found = answer_heard(texts, partial(answer, waldo))
     assert text == texts[taken]
     assert found == answer(waldo, text)
+
+
+@pytest.mark.parametrize(
+    ("heard", "alternatives", "taken"),
+    [
+        ("When was carrier unloaded?", ["When was Carol unloaded?", "When was carrier A unloaded?"], 2),
+        ("When was carrier B unloaded?", ["When was carrier A unloaded?"], 0),
+        ("When was carrier unloaded?", ["When was carrier Q unloaded?"], 0),
+    ],
+)
+def test_a_text_with_the_letter_of_a_name_counts_before_one_without_it(heard, alternatives, taken):
+    run = RunView(
+        None,
+        History(
+            TraceRecord(stamp=SECOND, id=one, source=one, kind="action", what=f"unload({one})")
+            for one in ("carrier_a", "carrier_b")
+        ),
+        None,
+    )
+    texts = [heard, *alternatives]
+    assert answer_heard(texts, partial(answer, run))[0] == texts[taken]
