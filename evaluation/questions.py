@@ -37,8 +37,6 @@ REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
 SEALED: tuple[str, ...] = ("new_wordings_38", "new_wordings_39", "new_wordings_40")
 """Lists that have led to no change of the answers yet."""
-UNUSUAL = tuple(f"new_wordings_{number}" for number in range(13, 24))
-"""Lists of unusual questions, each of which uses every pattern once."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
 """Call with its arguments, and a person."""

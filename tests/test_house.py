@@ -28,7 +28,7 @@ def imports(path: Path) -> frozenset[str]:
 
 
 def called(call: ast.Call) -> str:
-    """Return the last word of the name of what is called."""
+    """Return the name of a called function without its module."""
     return getattr(call.func, "attr", getattr(call.func, "id", ""))
 
 

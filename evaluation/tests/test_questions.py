@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from ruamel.yaml import YAML
 
-from evaluation.questions import QUESTIONS, REACHED, SEALED, UNUSUAL, asked
+from evaluation.questions import QUESTIONS, REACHED, SEALED, asked
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking import answer
@@ -123,15 +123,13 @@ def test_unsupported_failures_are_found(guard, question, kind, change):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("usual", "least"), [(True, REACHED), (False, 0.65)])
-def test_answers_reach_the_right_records(usual: bool, least: float, tmp_path: Path):
+def test_answers_reach_the_right_records(tmp_path):
     parts = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
-    chosen = [by_run for part, by_run in parts.items() if part not in SEALED and (part not in UNUSUAL) is usual]
     number = reached = 0
     misses: list[str] = []
     for name in ("visits", "guard", "hospital", "warehouse", "cleaner", "reception"):
-        questions = [line for by_run in chosen for line in by_run.get(name, [])]
+        questions = [line for part, by_run in parts.items() if part not in SEALED for line in by_run.get(name, [])]
         right, wrong, unsupported, _ = asked(*recorded(name, tmp_path / name), questions, None)
         assert unsupported == []
         number, reached, misses = number + len(questions), reached + right, misses + wrong
-    assert reached >= least * number, misses
+    assert reached >= REACHED * number, misses

@@ -7,6 +7,7 @@ import pytest
 from socialbot.agents.base import agent_node
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Engine
+from socialbot.bdi.intentions import Intention
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, NodeError
 from socialbot.core.messages import Mind
@@ -64,3 +65,36 @@ def test_a_burst_of_events_shows_the_mind_when_the_agent_is_idle(monkeypatch: py
     assert len(minds) <= 2
     assert isinstance(minds[-1], Mind)
     assert [belief.text for belief in minds[-1].beliefs] == ["met(1000)"]
+
+
+class Waiting(AgentNode):
+    """Waits for beliefs, and for a time."""
+
+    def build(self) -> Engine:
+        engine = Engine("waiting", self.clock, robot=self, sink=self.record, wake=self.wake)
+        engine.add_text("!go. +!go <- .wait(there(_)); .wait({+light(_)}); .wait(5000); .wait(6000).")
+        return engine
+
+
+def test_a_call_that_changes_nothing_makes_no_texts_of_intentions(monkeypatch: pytest.MonkeyPatch):
+    with GraphTester(Waiting, start=SECOND) as agent:
+        agent.run(0.01)
+        text, made = Intention.__str__, []
+        monkeypatch.setattr(Intention, "__str__", lambda intention: made.append(intention) or text(intention))
+        for _ in range(50):
+            agent.node().wake()
+        agent.run(0.01)
+    assert made == []
+
+
+def test_the_mind_is_shown_after_each_step():
+    with GraphTester(Waiting, start=SECOND) as agent:
+        engine: Engine = agent.node().engine
+        for belief, seconds in (("", 0.01), ("there(1)", 0.01), ("light(1)", 0.01), ("", 5.0), ("", 6.0)):
+            if belief:
+                engine.add_text(f"{belief}.")
+                agent.node().wake()
+            agent.run(seconds)
+            minds = agent.messages("/agent/mind")
+            assert minds[-1].intentions == tuple(map(str, engine.intentions)), belief
+    assert len({mind.intentions for mind in minds}) == 5

@@ -58,7 +58,7 @@ def test_tests_of_the_project_pass(project: Path) -> None:
     check_tests_pass(project)
 
 
-def test_a_run_warns_of_an_action_that_no_class_is_for(tmp_path: Path) -> None:
+def test_a_run_warns_of_an_action_that_the_robot_does_not_have(tmp_path: Path) -> None:
     project = write_project(f"greeter{next(NUMBERS)}", "asl", tmp_path)
     plans = project / project.name / "agent.asl"
     plans.write_text(plans.read_text().replace('say("Goodbye!")', 'sya("Goodbye!")'))

@@ -173,10 +173,9 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
     # "Which carrier did it end up on?"
     light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    # "Why did you go idle?"
     if verb is not None and stem(reading.words[verb]) in _BECOMING:
-        light |= {
-            verb for each in deeds if verb not in each.places and verb + 1 in each.places
-        }  # "Why did you go idle?"
+        light |= {verb for each in deeds if verb not in each.places and verb + 1 in each.places}
     verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
     asks_for = person is not None and bool(deeds) and _is_asked_for(reading, person, referred)
     if person is not None and asks_for:
@@ -215,7 +214,7 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
 
 
 def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int]) -> bool:
-    """Return whether a question begins with who a person was that has a number."""
+    """Return whether a question begins by asking who the first, second or last person was."""
     if person.ordinal is None or not referred:
         return False
     phrases, before = reading.language.phrases, reading.words[: min(referred)]

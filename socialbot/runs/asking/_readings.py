@@ -283,7 +283,8 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         for agent, things in _roles(found, deed.topic, subjects):
             question = replace(
                 found.question,
-                topics=(deed.topic,), agent=agent, things=things, agent_kind=_asked_kind(found.reading, subjects, deed),
+                topics=(deed.topic,), agent=agent, things=things,
+                agent_kind=_kind_of_agents(found.reading, subjects, deed),
                 is_opposite=deed.is_opposite, is_synonym=deed.is_synonym, is_negative=_is_denied(deed, found),
                 by_people=not quoted and _are_doers(found, deed.places, subjects),
                 counts_people=found.reading.has("how_many") and not found.reading.has("time") and bool(
@@ -551,7 +552,7 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
     return Event(parts.relation, replace(what, topics=()) if is_visit else what, leaves)
 
 
-def _asked_kind(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
+def _kind_of_agents(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
     """Return the kind of agents of ``which carrier left``, if agents of this kind do the deed; else empty."""
     words = reading.words
     asked = next((words[n + 1] for n in range(len(words) - 1) if words[n] == "which"), "")
