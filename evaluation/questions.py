@@ -61,14 +61,18 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
     unnamed = [claim.what[0] for claim in claims if claim.kind == "not_named"]
-    names = {*map(_plain, unnamed), *(word for name in unnamed for word in tokens(name))}
+    names, words = set(map(_plain, unnamed)), {*tokens(rest)}
     meant = {meaning for name in unnamed for meaning in lexicon.meanings((*tokens(name),), found.language)}
-    names |= {word for word in tokens(rest) if meant & lexicon.meanings((word,))}  # "Kaffee" is coffee
+    is_unnamed = any({*tokens(name)} and {*tokens(name)} <= words for name in unnamed) or any(
+        meant & lexicon.meanings((word,)) for word in words
+    )  # "Kaffee" is coffee
     if kind == "unknown":
         return not found.known or bool(names)
     if kind == "unsaid":
-        return any(_plain(word) in names for word in tokens(rest)) or any(
-            claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims
+        return (
+            is_unnamed
+            or any(_plain(word) in names for word in tokens(rest))
+            or any(claim.kind == "said_not" and " ".join(claim.what) == rest.casefold() for claim in claims)
         )
     if kind in ("heard", "failed"):
         return any(claim.kind == ("heard" if kind == "heard" else "nothing_failed") for claim in claims)
@@ -91,7 +95,7 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "not":
         match = _CALL.fullmatch(rest)
         call, arguments, person = match.groups("") if match else (rest, "", "")
-        if any(_plain(word) in names for word in (*re.findall(r"\w+", rest), *tokens(rest))):
+        if is_unnamed or any(_plain(word) in names for word in re.findall(r"\w+", rest)):
             return True
         denied = [claim for claim in claims if claim.kind == "did_not"]
         named = [
