@@ -78,12 +78,15 @@ class BoundedLog:
         return sum(part.stat().st_size for part in parts(self._path) if part.exists())
 
     def _begin_part(self) -> None:
-        self._file.close()
-        self._number += 1
-        self._path.replace(_part(self._path, self._number))
-        if (oldest := self._number - PARTS + 1) > 0:
+        """Put the full part aside and begin a new one. After an OSError the full part is open, and this may go on."""
+        aside = _part(self._path, self._number + 1)
+        if not (aside.exists() and os.path.samestat(os.fstat(self._file.fileno()), aside.stat())):
+            self._path.replace(aside)
+        if (oldest := self._number + 2 - PARTS) > 0:
             _part(self._path, oldest).unlink(missing_ok=True)
-        self._file, self._length = self._path.open("xb", buffering=0), 0
+        file = self._path.open("xb", buffering=0)
+        self._file.close()
+        self._file, self._length, self._number = file, 0, self._number + 1
         for line in self._opening():
             self._append(line + b"\n")
 

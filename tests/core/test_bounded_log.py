@@ -124,6 +124,45 @@ def _log_in(folder):
     return BoundedLog(folder / "run" / "j", opening=lambda: [b"opening"])
 
 
+def test_a_folder_removed_when_a_part_is_full_is_made_again(tmp_path):
+    path, now = tmp_path / "run" / "j", [0.0]
+    path.parent.mkdir()
+    log = LossyLog(BoundedLog(path, 400), steady_s=lambda: now[0])
+    for number in range(9):
+        log.write(b"line %06d" % number)
+    shutil.rmtree(path.parent)
+    log.write(b"the part is full")  # nothing looks at the folder so soon again
+    assert (log.lost, bool(log.problem)) == (1, True)
+    now[0] += RETRY_S
+    log.write(b"after")
+    assert lines(path) == [b"after"]
+    log.restore()
+    log.close()
+
+
+def test_a_part_that_cannot_begin_loses_no_line_before_it(tmp_path, monkeypatch):
+    path, can_open = tmp_path / "j", Path.open
+
+    def cannot_open(self: Path, *args, **kwargs):
+        raise OSError(30, "Read-only file system", str(self))
+
+    now = [0.0]
+    log = LossyLog(BoundedLog(path, 400), steady_s=lambda: now[0])
+    for number in range(9):
+        log.write(b"line %06d" % number)
+    monkeypatch.setattr(Path, "open", cannot_open)
+    log.write(b"lost")
+    now[0] += RETRY_S
+    log.write(b"lost again")
+    monkeypatch.setattr(Path, "open", can_open)
+    log.restore()
+    now[0] += RETRY_S
+    for number in range(9, 20):
+        log.write(b"line %06d" % number)
+    assert log.lost == 2
+    assert lines(path) == [b"line %06d" % number for number in range(20)]
+
+
 def test_a_long_log_is_rotated_while_its_writer_continues(tmp_path: Path) -> None:
     log = tmp_path / "head.log"
     rotation = Rotation(longest=10, kept=2)
