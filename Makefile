@@ -32,6 +32,8 @@ JOBS ?= 2
 # One more than processors: system tests wait for other processes.
 WORKERS ?= 3
 SECONDS ?= 30
+# Without the compiled files, each of the many processes that tests start would compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 

@@ -25,7 +25,7 @@ from evaluation.questions_check import Verifier, covers
 from evaluation.questions_runs import RUNS, VOCABULARIES
 from evaluation.report import JsonOption, QuickOption, Report, run
 from socialbot.core.errors import ParameterError
-from socialbot.runs.asking import Answer, answer, answer_heard
+from socialbot.runs.asking import Answer, answer, answer_heard, words_of_names
 from socialbot.runs.asking._answers import facts_of
 from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking._words import tokens
@@ -35,7 +35,7 @@ from socialbot.runs.folder import RecordedRun, open_run
 QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
-SEALED: tuple[str, ...] = ("new_wordings_38", "new_wordings_39", "new_wordings_40")
+SEALED: tuple[str, ...] = ("new_wordings_41", "new_wordings_42", "new_wordings_43")
 """Lists that have led to no change of the answers yet."""
 NEAR_S = 0.15
 _CALL = re.compile(r"([^ (]+)(?:\((.*)\))?(?: (\S+))?")
@@ -83,7 +83,8 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
     if kind == "plan":
         desire, _, step = rest.rpartition(" ")
         return any(
-            claim.kind == "planned" and claim.what[1] == desire and claim.value == float(step) for claim in claims
+            claim.kind in ("planned", "step") and claim.what[1] == desire and claim.value == float(step)
+            for claim in claims
         )
     if kind in ("people", "times"):
         wanted = "count_people" if kind == "people" else "count"
@@ -152,7 +153,8 @@ def asked(
     for line in questions:
         question, _, target = line.partition(" -> ")
         texts = [question] if listen is None else listen(question)
-        heard, found = answer_heard(texts, partial(answer, record))
+        names = frozenset() if listen is None else words_of_names(record)
+        heard, found = answer_heard(texts, partial(answer, record), names)
         kinds.update(clause.claim.kind for clause in found.clauses)
         for each in (found, *found.options):
             unsupported += verifier.faults(json.loads(msgspec.json.encode(each)))

@@ -143,6 +143,11 @@ def people(line: Line) -> list[str]:
     return [one["track_id"] for one in line["detail"].get("persons", ()) if one.get("track_id")]
 
 
+def _steps_of(plan: Line) -> list[str]:
+    """Return the calls of the steps of a plan."""
+    return [re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", each) for each in plan["detail"]["steps"]]
+
+
 def covers(pattern: str, call: str) -> bool:
     """Return whether a call has the name of ``pattern``, and begins with its arguments; ``*`` is any one."""
     name, _, first = pattern.replace('"', "").rstrip(")").partition("(")
@@ -355,15 +360,25 @@ class Verifier:
         text = claim["what"][0]
         return "" if text == cause or re.sub(r"-\d{6,}$", "", cause) in text or cause in text else "is not the cause"
 
-    def _planned(self, claim: Line, lines: Sequence[Line]) -> str:
+    def _step(self, claim: Line, lines: Sequence[Line]) -> str:
         plan = lines[-1]
         step, what = claim["what"]
         if plan["kind"] != "plan_start" or plan["what"] != what:
             return "is another plan"
-        steps = [re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", each) for each in plan["detail"]["steps"]]
-        value = claim.get("value")
-        if value is not None and (not 1 <= value <= len(steps) or steps[int(value) - 1] != step):
-            return f"step {value:g} is another one"
+        steps, value = _steps_of(plan), claim.get("value")
+        is_step = value is None or (1 <= value <= len(steps) and steps[int(value) - 1] == step)
+        return "" if is_step else f"step {value:g} is another one"
+
+    def _step_count(self, claim: Line, lines: Sequence[Line]) -> str:
+        is_plan = lines[0]["kind"] == "plan_start" and claim["what"] == [lines[0]["what"]]
+        return "" if is_plan and claim["value"] == len(_steps_of(lines[0])) else "is another plan"
+
+    def _planned(self, claim: Line, lines: Sequence[Line]) -> str:
+        fault = self._step(claim, lines)
+        if fault:
+            return fault
+        plan, step, value = lines[-1], claim["what"][0], claim.get("value")
+        steps = _steps_of(plan)
         equal = [n for n, each in enumerate(steps, 1) if each == step]
         number = plan["detail"].get("plan")
         done = [

@@ -68,7 +68,7 @@ from socialbot.core.messages import HeardSpeech, Message, PersonDetections, Spee
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
 from socialbot.runs.asking import Answer as Answered
-from socialbot.runs.asking import answer, answer_heard, asking_back, chosen_option, is_asked
+from socialbot.runs.asking import answer, answer_heard, asking_back, chosen_option, is_asked, words_of_names
 from socialbot.runs.run import LiveRun
 
 
@@ -245,7 +245,9 @@ class TalkingWaldo(WaldoNode):
         questions = [each for each in texts if reading or is_asked(each, language)]
         if not questions:
             return reading, text
-        heard_text, found = answer_heard(questions, self._answering(person, language, message.id))
+        heard_text, found = answer_heard(
+            questions, self._answering(person, language, message.id), words_of_names(self._past)
+        )
         if found.known:
             return replace(reading, intent=QUESTION, slots=()), heard_text
         if found.options:

@@ -82,9 +82,9 @@ VOCABULARY = Vocabulary(
         Deed(
             calls=("DoNothing", "stayIdle"),
             words={
-                "en": ("do nothing", "stay idle", "idle", "silent", "quiet", "wait"),
-                "de": ("nichts tun", "nichts getan", "untätig", "schweigen", "still", "warten"),
-                "fr": ("rien faire", "rien fait", "inactif", "attendre", "silencieux"),
+                "en": ("do nothing", "stop doing anything", "stop working", "idle", "silent", "quiet", "wait"),
+                "de": ("nichts tun", "nichts getan", "nichts mehr tun", "untätig", "schweigen", "still", "warten"),
+                "fr": ("rien faire", "rien fait", "plus rien faire", "inactif", "attendre", "silencieux"),
                 "es": ("hacer nada", "hiciste nada", "inactivo", "esperar", "callado"),
             },
             did={

@@ -6,11 +6,12 @@ is ranked by learned weights; no fixed sentences are known. Each clause of an an
 no record supports is answered with "I don't know".
 """
 
-from socialbot.runs.asking._answers import Answer, answer, answer_heard, is_asked
+from socialbot.runs.asking._answers import Answer, answer, answer_heard, is_asked, words_of_names
 from socialbot.runs.asking._options import asking_back, chosen_option
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.asking.languages import LANGUAGES
 
 __all__ = [
     "LANGUAGES", "Answer", "Claim", "Clause", "answer", "answer_heard", "asking_back", "chosen_option", "is_asked",
+    "words_of_names",
 ]  # fmt: skip

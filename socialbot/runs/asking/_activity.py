@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import near
+from socialbot.runs.asking._plans import steps_ahead
 from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.asking._words import name_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
-from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.why import call_of
 
 _WANTED = {"desire", "goal"}
@@ -159,7 +158,7 @@ def doing(scope: Scope) -> Told | None:
 
 def ahead(scope: Scope) -> Told | None:
     seconds, stamp = scope.moment()
-    planned = _planned(scope, stamp)
+    planned = steps_ahead(scope, stamp)
     if planned:
         told = scope.joined(planned)
         return scope.speech.then(seconds, told), planned
@@ -232,32 +231,3 @@ def _is_under_way(scope: Scope, record: TraceRecord, stamp: int) -> bool:
     """Return whether a step, an action or an utterance that began had not ended at ``stamp``."""
     end = scope.facts.end_of(record)
     return end is not None and end.stamp > stamp
-
-
-def _planned(scope: Scope, stamp: int) -> list[Clause]:
-    """Return the next step of each plan in execution."""
-    found = []
-    for mind in scope.run.states.at(stamp).agents:
-        for plan in mind.plans if scope.agent in ("", mind.name) else ():
-            record = scope.history.find(plan.id)
-            if record is not None:
-                found.append(_step_ahead(scope, record, mind.name, stamp))
-    return [each for each in found if each is not None][:MOST_NAMED]
-
-
-def _step_ahead(scope: Scope, plan: TraceRecord, agent: str, stamp: int) -> Clause | None:
-    """Return the first step of a plan that had not begun at ``stamp``; None if all had."""
-    between = scope.history.between(plan.stamp, stamp)
-    begun = Counter(each.what for each in between if each.kind == "step" and plan_of(scope.history, each) is plan)
-    for place, line in enumerate(plan.detail.get("steps", ()), 1):
-        step = step_in(line)
-        if begun[step]:
-            begun[step] -= 1
-            continue
-        action, *arguments = step.strip("()").split()
-        sentence = scope.subjects.wording.call(action, arguments)
-        whose = "my" if scope.speech.is_single else f"{scope.subjects.wording.name(agent)}'s"
-        text = f"step {place} of {whose} plan for {plan.what} was next: {sentence}"
-        claim = Claim("planned", agent, (step, plan.what), scope.history.seconds(stamp), value=float(place))
-        return Clause(text, (plan.id,), claim)
-    return None

@@ -15,12 +15,13 @@ from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, failed, heard, heard_as, said
-from socialbot.runs.asking._beliefs import believed, ended, placed
+from socialbot.runs.asking._beliefs import believed, placed
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import seen, stay, visitors
+from socialbot.runs.asking._plans import ended, replanned, steps
 from socialbot.runs.asking._question import NEAR_S, Question, with_time
 from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._readings import candidates
@@ -39,12 +40,14 @@ _MOST_UNRECORDED = 2
 """Most names without records that an answer tells."""
 _LETTER = re.compile(r"(?<=\w) [A-HJ-Z]\b")
 """Letter of a name behind a word; "I" is a word."""
+_SHORTEST_NAME = 2
+"""Length above which a word of a name is told by its sound."""
 _SIMILAR_SOUND = 0.6
 """Least share of the consonants that a misheard word and the word that was said have in common."""
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {
     "see": seen, "said": said, "doing": doing, "next": ahead,
     "heard": heard, "failed": failed, "believed": believed, "ended": ended,
-    "where": placed,
+    "where": placed, "steps": steps, "replanned": replanned,
 }  # fmt: skip
 """Functions that answer kinds of questions about a state."""
 
@@ -107,16 +110,27 @@ def answer(
     return msgspec.structs.replace(told, confidence=confidence)
 
 
-def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tuple[str, Answer]:
+def words_of_names(run: RunView) -> Set[str]:
+    """Return the words of the names of agents, things and people in a run, as people say them."""
+    subjects = facts_of(run).subjects
+    names = (*subjects.agents, *subjects.things, *subjects.persons, *subjects.argument_names)
+    return {word for name in names for word in tokens(name) if word.isalpha() and len(word) > _SHORTEST_NAME}
+
+
+def answer_heard(
+    texts: Sequence[str], answered: Callable[[str], Answer], names: Set[str] = frozenset()
+) -> tuple[str, Answer]:
     """Answer a spoken question whose recognised texts are ``texts``, the most likely one first.
 
     The first one counts. Only if it has words that no record has, they may be misheard: then the first other text that
     is answered, has words of a similar sound in their places, and denies as much as the first one, is taken. A text
-    with a letter more, as in "carrier A", counts before one without it: unstressed letters are missed easily.
+    with a letter more, as in "carrier A", counts before one without it: unstressed letters are missed easily. Last, a
+    word that no record has is taken for the only name that sounds the same: "Scott" for "scout".
 
     Args:
         texts: The texts, at least one.
         answered: Returns the answer to a text: `answer` for a run.
+        names: Words of names that people may say: those of `words_of_names`.
 
     Returns:
         The text that was taken, and its answer.
@@ -132,13 +146,22 @@ def answer_heard(texts: Sequence[str], answered: Callable[[str], Answer]) -> tup
         return texts[0], first
     negations = {one[0] for one in LANGUAGES[first.language].phrases["not"] if len(one) == 1}
     words = tokens(texts[0])
-    for text in texts[1:]:
+    for text in (*texts[1:], _with_names(texts[0], unknown, names)):
         others = tokens(text)
         if _is_misheard(words, others, unknown) and negations.intersection(words) == negations.intersection(others):
             found = answered(text)
             if found.known:
                 return text, found
     return texts[0], first
+
+
+def _with_names(text: str, unknown: Set[str], names: Set[str]) -> str:
+    """Return a text with the only name of the same sound in place of each unknown word that has one."""
+    for word in unknown:
+        alike = [one for one in names if sound(one) == sound(word) and len(sound(one)) > 1]
+        if len(alike) == 1:
+            text = re.sub(rf"\b{re.escape(word)}\b", alike[0], text, flags=re.IGNORECASE)
+    return text
 
 
 def _is_without_letter(text: str, other: str) -> bool:

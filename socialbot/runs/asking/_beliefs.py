@@ -1,18 +1,13 @@
-"""Answers about beliefs and about the ends of plans."""
+"""Answers about beliefs and the places of things."""
 
 from __future__ import annotations
 
-import re
-
-from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._facts import Held, near
+from socialbot.runs.asking._facts import Held
 from socialbot.runs.asking._named_beliefs import tells_place
 from socialbot.runs.asking._people import whereabouts
-from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
 from socialbot.runs.asking._topics import arguments_of
-from socialbot.runs.asking._words import stem, tokens
 
 
 def believed(scope: Scope) -> Told | None:
@@ -75,27 +70,3 @@ def _at(scope: Scope, held: Held, seconds: float, stamp: int) -> Clause:
     if not held.at(stamp):
         seconds, stamp = scope.facts.seconds(held.begin), held.begin
     return scope.speech.at(scope.speech.believed(held, stamp), seconds)
-
-
-def ended(scope: Scope) -> Told | None:
-    """Return how the plans in question ended: those whose goal or desire the words name, or else the last one."""
-    found = [
-        each
-        for each in scope.facts.plan_ends
-        if each.stamp <= scope.now and scope.agent in ("", each.source) and _is_named(each, scope)
-    ]
-    asked = {stem(word) for word in scope.question.unknown}
-    named = [
-        each for each in found if asked.intersection(stem(word) for word in tokens(re.sub(r"\W|_", " ", each.what)))
-    ]
-    found = named or found
-    if scope.question.at_s is not None:
-        found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
-    chosen = [one for one in [scope.numbered(found)] if one is not None]
-    clauses = [scope.speech.ended(each) for each in chosen]
-    return (scope.joined(clauses), clauses) if clauses else None
-
-
-def _is_named(end: TraceRecord, scope: Scope) -> bool:
-    things = set(scope.question.things) - {end.source}
-    return things <= {*re.findall(r"\w+", end.what)}

@@ -148,6 +148,11 @@ class Facts:
         return [each for each in self.history if each.kind == "failure"]
 
     @cached_property
+    def plan_starts(self) -> list[TraceRecord]:
+        """Begins of plans with steps."""
+        return [each for each in self.history if each.kind == "plan_start" and each.detail.get("steps")]
+
+    @cached_property
     def plan_ends(self) -> list[TraceRecord]:
         """Ends of plans for goals and desires."""
         return [each for each in self.history if each.kind == "plan_end"]

@@ -124,7 +124,19 @@ def prepared(words: Sequence[str], names: Set[str], subjects: Subjects, language
         for word in spelled
     ]
     spelled = subjects.without_kind(subjects.named_in(language.code, spelled), language)
-    return without_matrix(_joined(spelled, known), language)
+    return without_matrix(_joined(_without_called(spelled, subjects, language), known), language)
+
+
+def _without_called(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
+    """Return words with only the name of ``a person called Ann``."""
+    names, people = subjects.names | subjects.argument_names.keys(), language.phrases["people"]
+    for phrase in language.phrases["called"]:
+        for n in range(1, len(words) - len(phrase)):
+            end = n + len(phrase)
+            if tuple(words[n:end]) == phrase and (words[n - 1],) in people and words[end] in names:
+                begin = n - 2 if n > 1 and (words[n - 2],) in language.phrases["article"] else n - 1
+                return [*words[:begin], *words[end:]]
+    return list(words)
 
 
 def _joined(words: Sequence[str], known: Set[str]) -> list[str]:
@@ -151,8 +163,8 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     person = named or person
     referred = frozenset(reading.taken)
     classify(reading, words_of_deeds(subjects, language.code))
-    if not subjects.persons:
-        _release_deeds(reading, subjects)
+    if not subjects.persons and not subjects.argument_names.keys() & {*reading.words}:
+        _release_deeds(reading, subjects)  # "Did Ann come?" is about a visit
     for name in ("silent", "waits", "talk"):
         places = places_of_class(reading.words, language, name) - referred
         if places:

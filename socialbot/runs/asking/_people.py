@@ -16,7 +16,7 @@ SIDES = ("left", "middle", "right")
 def visitors(scope: Scope) -> Told | None:
     """Return who was here: at the time in question, or else all visits."""
     if not has_frames(scope):
-        return None
+        return _deeds_with_names(scope)
     event = scope.question.event
     if event is not None and event.relation != "when" and event.what.person is not None and not event.what.topics:
         if scope.question.person is None:
@@ -41,6 +41,16 @@ def visitors(scope: Scope) -> Told | None:
     if len(clauses) > MOST_NAMED or scope.question.kind == "count":
         shown.insert(0, _people_counted(scope))
     return scope.joined(shown), shown
+
+
+def _deeds_with_names(scope: Scope) -> Told | None:
+    """Return the first deeds that name a person, in a run without a camera: ``Was Ann here?``; None without a name."""
+    names = set(scope.question.things)
+    if not names or scope.question.unknown or not names <= {*scope.subjects.argument_names.values()}:
+        return None
+    deeds = scope.in_time(each for each in scope.subjects.deeds if each.stamp <= scope.now and scope.is_meant(each))
+    clauses = [scope.speech.did(each, scope.subjects.topic_of(each)) for each in deeds[:MOST_NAMED]]
+    return (scope.joined(clauses), clauses) if clauses else None
 
 
 def _neighbour(scope: Scope, *, after: bool) -> Told | None:

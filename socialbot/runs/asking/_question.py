@@ -17,7 +17,7 @@ from socialbot.runs.asking._topics import Topic
 
 Kind = Literal[
     "why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did", "heard", "failed",
-    "believed", "ended", "where",
+    "believed", "ended", "where", "steps", "replanned",
 ]  # fmt: skip
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""

@@ -94,6 +94,7 @@ def featured(found: Sequence[Candidate], answers: Sequence[Answer], subjects: Su
             question.between is None,
             question.contrast is None,
             question.belief,
+            each.ignores_event,
         )
         if records not in cache:
             cache[records] = dict(_of_parts(each, subjects))
@@ -204,6 +205,8 @@ def _of_parts(each: Candidate, subjects: Subjects) -> Iterator[tuple[str, float]
     yield "beside", float(min(each.left_over, _MOST_COUNTED))
     if question.event is not None or question.contrast is not None or question.between is not None:
         yield "split", 1.0
+    if each.ignores_event:
+        yield "ignores event", 1.0
     if mode == "says":
         shares = [subjects.share_said(question.says, one) for one in subjects.deeds]
         yield "quoted", max(shares, default=0.0)

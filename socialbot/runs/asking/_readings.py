@@ -39,8 +39,8 @@ from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._unrecorded import has_other_object, names_without_records
-from socialbot.runs.asking._word_classes import tells, tells_exactly
-from socialbot.runs.asking._words import quoted_tokens, stem, tokens
+from socialbot.runs.asking._word_classes import places_of_class, tells, tells_exactly
+from socialbot.runs.asking._words import number_at, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
 
 MOST_WORDS = 100
@@ -99,6 +99,10 @@ _COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in 
 _MOVING = lexicon.meanings(("move",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
 """Words that ask where something was before."""
+_PLAN = {"plan", "plans", "plane", "planes"}
+"""Words for plans, in four languages."""
+_OF_PLANS = ("what", "who", "how_many", "where")
+"""Interrogatives of questions about the steps of a plan."""
 _OF_LEXICON = 0.5
 """Weight of a word of the lexicon for the language of a question, beside words of its grammar."""
 
@@ -114,6 +118,8 @@ class Candidate:
     """Words of subordinate clauses that nothing explains."""
     fit: float = 0.0
     """Share of the words of a belief's name that the question has."""
+    ignores_event: bool = False
+    """Whether another reading takes a subordinate clause of it for the time: ``before t1 came``."""
 
 
 def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candidate]:
@@ -158,6 +164,10 @@ def _candidates(
     if names_without_records(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
         yield Candidate(whole.question, whole, None, 0)
         return
+    about_plan = _about_plan(whole, subjects)
+    if about_plan is not None:
+        yield about_plan
+        return
     split = without_between(words, language) if whole.question.span_s is None else None
     between = [] if split is None else list(_between(split, quoted, subjects, language))
     if between:  # Then nothing else explains the word.
@@ -169,7 +179,9 @@ def _candidates(
         if only:
             yield from (*only, Candidate(whole.question, whole, None, 0))
             return
-    yield from _combined(whole, quoted, subjects)
+    at_event = list(_at_event(words, quoted, whole, subjects, language))
+    for each in _combined(whole, quoted, subjects):
+        yield replace(each, ignores_event=bool(at_event))
     if split is not None:
         other, main = parts_of(split.contrast, subjects, language), parts_of(split.main, subjects, language)
         contrast = _subordinate(other, subjects)
@@ -185,22 +197,78 @@ def _candidates(
             for each in _combined(main, quoted, subjects):
                 if each.question.kind == "why_not" and each.deed is not None:
                     yield replace(each, question=replace(each.question, topics=contrast.topics), left_over=left)
-    split = without_event(words, language)
-    if split is not None:
-        other, main = parts_of(split.event, subjects, language), parts_of(split.main, subjects, language)
-        if split.relation == "before" and main.reading.has("why") and main.reading.has("waits"):
-            # "Why did you wait before you greeted t1?" asks why it was done then.
-            for each in _combined(other, quoted, subjects):
-                if each.question.kind == "did" and each.deed is not None:
-                    yield replace(each, question=replace(each.question, kind="why"))
-        for each in _combined(main, quoted, subjects):
-            event = _event(split, other, each.question, subjects)
-            if event is not None:
-                event = replace(event, is_near=split.is_near)
-                left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
-                asked = replace(each.question, event=event, is_open=whole.question.is_open)
-                yield replace(each, question=asked, left_over=left)
+    yield from at_event
     yield Candidate(whole.question, whole, None, 0)
+
+
+def _at_event(
+    words: Sequence[str], quoted: Sequence[str], whole: Found, subjects: Subjects, language: Language
+) -> Iterator[Candidate]:
+    """Yield the readings of the main clause beside an event: ``after t2 had left``."""
+    split = without_event(words, language)
+    if split is None:
+        return
+    other, main = parts_of(split.event, subjects, language), parts_of(split.main, subjects, language)
+    if split.relation == "before" and main.reading.has("why") and main.reading.has("waits"):
+        # "Why did you wait before you greeted t1?" asks why it was done then.
+        for each in _combined(other, quoted, subjects):
+            if each.question.kind == "did" and each.deed is not None:
+                yield replace(each, question=replace(each.question, kind="why"))
+    for each in _combined(main, quoted, subjects):
+        event = _event(split, other, each.question, subjects)
+        if event is not None:
+            event = replace(event, is_near=split.is_near)
+            left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
+            asked = replace(each.question, event=event, is_open=whole.question.is_open)
+            yield replace(each, question=asked, left_over=left)
+
+
+def _about_plan(found: Found, subjects: Subjects) -> Candidate | None:
+    """Return the reading about the steps of a plan, or about why there was a new one; None without these words.
+
+    It is a refusal if the question has words that no record has: ``the first step of your plan to bake a cake``.
+    """
+    reading, words, language = found.reading, found.reading.words, found.reading.language
+    goals = {stem(word) for each in subjects.history if each.kind == "plan_start" for word in tokens(each.what)}
+    if not goals:
+        return None
+    is_new, is_plan = tells_exactly(words, language, "replan"), bool(_PLAN.intersection(words))
+    order = found.question.ordinal
+    named = places_of_class(words, language, "step")
+    if named and order is None:
+        order = next((int(one[0]) for n in named if (one := number_at([*words, ""], n + 1)) is not None), None)
+    is_asked = not reading.has("why", "next", "fail", "when", "how_long") and (reading.has(*_OF_PLANS) or is_plan)
+    if is_asked and (
+        (named and (is_plan or (order or 0) > 0))
+        or (is_new and is_plan and reading.has("what") and not _is_caused(reading))
+    ):
+        kind: Kind = "steps"
+    elif is_new:
+        kind = "replanned"
+    else:
+        return None
+    phrases = {n for places in _places_at(words, language.phrases["replan"]) for n in places} | named
+    begin = min(phrases | {n for n, word in enumerate(words) if word in _PLAN})
+    content = tuple(
+        words[n]
+        for n in range(begin, len(words))
+        if n not in phrases | found.referred and words[n] not in {*language.known_words, *_PLAN}
+    )
+    agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
+    is_known = all(
+        word.isdigit() or stem(word) in goals or subjects.is_recorded(word, language.code) for word in content
+    )
+    question = replace(
+        found.question, kind=kind if is_known else None, agent=agent, ordinal=order, unknown=content, person=None
+    )
+    return Candidate(question, found, None, 0)
+
+
+def _places_at(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> Iterator[range]:
+    """Yield the places of phrases in these very words."""
+    for phrase in phrases:
+        starts = (n for n in range(len(words)) if tuple(words[n : n + len(phrase)]) == phrase)
+        yield from (range(n, n + len(phrase)) for n in starts)
 
 
 def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
@@ -541,6 +609,8 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
             return Event(parts.relation, replace(what, topics=main.topics), leaves=False)
         return Event(parts.relation, what, leaves=False)
     leaves = leaves and (not comes or bool(_AWAY.intersection(words)))  # "walked off"
+    if what.person is None and not what.agent and found.reading.has("people"):
+        what = replace(what, about_all=True)  # "before anybody came"
     is_visit = (what.person is not None or what.about_all) and (leaves or comes)
     if not is_visit and main.topics and not what.topics and what.person is not None:
         return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"

@@ -63,7 +63,7 @@ class Scope:
         spoken: bool,
     ) -> None:
         self.run, self.facts, self.question, self.now_s = run, facts, question, now_s
-        self.speaker, self.spoken = speaker, spoken
+        self.speaker, self.spoken, self._by_kind = speaker, spoken, False
         self.subjects, self.history = facts.subjects, facts.history
         self.now = self.history.stamp(now_s)
         self.agent = question.agent or agent
@@ -101,9 +101,11 @@ class Scope:
         if self.question.by_people:
             return []
         later: list[TraceRecord] = []
-        meant = [
-            (topic, [one for one in self.subjects.done(topic) if self.is_meant(one)]) for topic in self.question.topics
-        ]
+        meant = self._meant()
+        if self.question.things and not any(found for _, found in meant):
+            self._by_kind = True  # "base" is base_b, if nothing was done with a base without letter
+            meant = self._meant()
+            self._by_kind = any(found for _, found in meant)
         if self.question.at_s is not None:
             at = self.history.stamp(self.question.at_s)
             meant.sort(key=lambda each: min((abs(one.stamp - at) for one in near(each[1], at, NEAR_S)), default=at))
@@ -114,6 +116,12 @@ class Scope:
             if before:
                 return before
         return later
+
+    def _meant(self) -> list[tuple[Topic, list[TraceRecord]]]:
+        """Return the topics of the question with their deeds of its agent and things."""
+        return [
+            (topic, [one for one in self.subjects.done(topic) if self.is_meant(one)]) for topic in self.question.topics
+        ]
 
     def _span_between(self, first: Event, second: Event) -> tuple[float, float] | None:
         """Return the time (s) from the end of one event to the begin of another; None if they did not happen."""
@@ -159,6 +167,9 @@ class Scope:
                 self.event_deed = next(later, self.event_deed)
         elif event.what.things or event.what.agent:
             deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and scope.is_meant(each)]
+            if not deeds and event.what.agent:  # "after the crate was put on the truck"
+                what = replace(event.what, agent="", things={**event.what.things, event.what.agent: ""})
+                return self._event_time(replace(event, what=what), since_s)
             if event.relation == "after":
                 deeds = scope.without_leaving(deeds) or deeds
             self.event_deed = deeds[-1 if event.relation == "after" else 0] if deeds else None
@@ -207,6 +218,9 @@ class Scope:
     def is_meant(self, record: TraceRecord) -> bool:
         """Return whether a deed is one of the agent and things in question, each in the place that its word names."""
         things, arguments = self.question.things, arguments_of(record.what)
+        if self._by_kind:
+            kinds = {kind_of_name(one): one for one in reversed(arguments)}
+            things = {one if one in arguments else kinds.get(one, one): before for one, before in things.items()}
         phrase = self.subjects.wording.phrases.get(call_of(record).partition("(")[0], "")
         shown = [arguments[n] for n in map(int, _SHOWN.findall(phrase)) if n < len(arguments)] if phrase else arguments
         if things and not set(things) <= {*shown, *arguments[:1], record.source}:

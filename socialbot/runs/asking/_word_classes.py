@@ -52,6 +52,7 @@ _PARTS = (
     "comes", "leaves", "waits", "auxiliary",
     "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical", "qualified",
     "left out", "between", "to", "from", "article", "asks", "being", "at place",
+    "step", "replan", "called",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _VERBS = {"see", "do", "say", "here", "plan"}

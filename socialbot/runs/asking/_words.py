@@ -254,6 +254,9 @@ def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
         minutes, _, seconds = word.partition(":")
         return int(minutes) * 60 + float(seconds), 1
     if re.fullmatch(r"-?\d+(\.\d+)?", word):
+        rest = "".join(words[place + 1 : place + 2])
+        if re.fullmatch(r"[1-9]00", word) and re.fullmatch(r"[1-9]\d?", rest):
+            return float(word) + float(rest), 2  # "100 1", as a recogniser writes 101
         return _with_point(float(word), words, place + 1, 1)
     german = _GERMAN.fullmatch(word)
     if german:

@@ -1,4 +1,4 @@
-"""Questions about beliefs and about the ends of plans."""
+"""Questions about beliefs."""
 
 from __future__ import annotations
 
@@ -77,29 +77,3 @@ def test_beliefs_are_told_with_their_record(run, folder, question, text, records
 def test_nothing_is_told_of_a_time_without_the_belief(run):
     found = answer(run, "Where did you believe you were at 4 s?")
     assert not any(clause.claim.kind == "believed" for clause in found.clauses)
-
-
-@pytest.mark.parametrize(
-    ("question", "text"),
-    [
-        ("How did the plan end?", "At 20 s the plan for clean_rooms succeeded."),
-        ("Did the mission succeed?", "At 20 s the plan for clean_rooms succeeded."),
-        ("What was the outcome of the first plan?", "At 8 s the plan for clean_rooms failed: the door is locked."),
-        ("What went wrong?", "At 8 s the plan for clean_rooms failed: the door is locked."),
-    ],
-)
-def test_ends_of_plans_are_told_with_their_reason(run, folder, question, text):
-    found = answer(run, question)
-    assert found.text == text
-    [clause] = found.clauses
-    assert clause.claim.kind == "plan_ended"
-    assert run.history.find(clause.records[0]).kind == "plan_end"
-    assert not faults(folder, found)
-
-
-def test_a_false_end_is_found_by_the_verifier(run, folder):
-    found = answer(run, "How did the plan end?")
-    [clause] = found.clauses
-    claim = msgspec.structs.replace(clause.claim, what=("clean_rooms", "failed", ""))
-    false = msgspec.structs.replace(found, clauses=(msgspec.structs.replace(clause, claim=claim),))
-    assert faults(folder, false)

@@ -110,7 +110,9 @@ ENGLISH = Language(
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
             "walk by,drop by,stop by,enter,appear,leave,left,go away,went away,walk away,walked away,disappear,"
-            "hang around,nearby,close to you,near you,next to you,beside you,around you,close by,near the camera"
+            "hang around,nearby,close to you,near you,next to you,beside you,around you,close by,near the camera,"
+            "at your door,at the door,approach,approached,come close,came close,come near,came near,come closer,"
+            "came closer"
         ),
         "people": (
             "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,chap,fellow,bloke,lad,lady,child,men,women,"
@@ -133,7 +135,7 @@ ENGLISH = Language(
         "present": "are,is,do,does,can,am,now,currently,right now,at the moment,could",
         "ago": "ago,earlier",
         "first": "first,at first",
-        "last": "last,latest,most recent,previous,recent",
+        "last": "last,final,latest,most recent,previous,recent",
         "ordinals": "second,third,fourth,fifth,sixth,seventh,eighth,ninth,tenth",
         "time": "time,times",
         "seconds": "s,sec,secs,second,seconds",
@@ -227,7 +229,9 @@ ENGLISH = Language(
             "situation,occasion,instance,point,sort,matter,session,experiment,test,tape,clip,file,day,sir,buddy,mate,"
             "dude,mister,friend,dear,robo,bot,took care of,take care of,has to do with,had to do with,have you got,"
             "with regard to,kindly,previously,finally,herself,himself,itself,themselves,ended up,end up,in between,"
-            "stand,standing,stood,straight away,spend,spent,visit,team,robots"
+            "stand,standing,stood,straight away,spend,spent,visit,team,robots,"
+            "in the middle of your work,in the middle of your job,in the middle of your task,in the middle of the work,"
+            "in the middle of work,in the middle of the job"
         ),
         "place": "room,area,hall",
         "left out": (
@@ -236,6 +240,13 @@ ENGLISH = Language(
             "not receive anything,not given anything"
         ),
         "between": "between,in between",
+        "called": "called,named,by the name of,whose name is,whose name was,with the name",
+        "step": "step,steps",
+        "replan": (
+            "replan,replanned,replanning,re plan,new plan,another plan,different plan,plan again,planned again,"
+            "change your plan,changed your plan,changed plans,change plans,change of plan,revise your plan,"
+            "revised your plan,second plan"
+        ),
         "to": "to,into,onto,enter,entered,reach,reached,visit,visited",
         "from": "from,leave,left,leaving,exit,exited",
         "article": "the,a,an",

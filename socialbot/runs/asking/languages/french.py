@@ -136,10 +136,17 @@ FRENCH = Language(
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"
-            "simplement,ensemble,elle,avait,besoin,qui,entre temps,equipe,robots"
+            "simplement,ensemble,elle,avait,besoin,qui,entre temps,equipe,robots,ta,tes,ses,mes,notre,"
+            "nos,vos,leur,leurs,au milieu de ton travail,au milieu du travail,en plein travail,pendant le travail"
         ),
         "left out": "rien,mains vides,laisse de cote,laissee de cote,exclu,exclue,oublie,oubliee,neglige,negligee",
         "between": "entre",
+        "called": "appele,appelee,nomme,nommee,du nom de,qui s appelle,qui s appelait",
+        "step": "etape,etapes",
+        "replan": (
+            "nouveau plan,autre plan,replanifier,replanifie,plan different,change de plan,changer de plan,"
+            "change ton plan,changer ton plan,deuxieme plan,second plan"
+        ),
         "to": "a,au,aux,dans,vers,sur",
         "from": "de,du,des,d,depuis,quitte,quitter",
         "article": "le,la,les,l,un,une",

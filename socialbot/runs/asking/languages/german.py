@@ -144,13 +144,22 @@ GERMAN = Language(
             "konntest du mir sagen,weisst du,ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,"
             "zur,fur,mit,und,von,es,denn,eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,"
             "noch,nur,wieder,sekunde,ja,dazu,des,nun,alle,alles,aufgehort,dort,welche,uberhaupt,als,ding,sache,bloss,"
-            "einfach,zusammen,brauchte,brauche,sich,du,aber,einmal,dich,zwischendurch,dazwischen,team"
+            "einfach,zusammen,brauchte,brauche,sich,du,aber,einmal,dich,zwischendurch,dazwischen,team,"
+            "dein,deine,deinen,deinem,deiner,deines,mein,meine,meinen,meinem,meiner,meines,sein,seine,seinen,seinem,"
+            "seiner,seines,ihre,ihren,ihrem,ihrer,unser,unsere,euer,eure,mitten in der arbeit,mitten in deiner arbeit,"
+            "mitten bei der arbeit,wahrend der arbeit"
         ),
         "left out": (
             "nichts,leer aus,leer ausgegangen,ausgelassen,ausgeschlossen,ubergangen,ubersehen,leeren handen,"
             "nicht bedacht,zu kurz,vergessen"
         ),
         "between": "zwischen",
+        "called": "namens,mit namen,mit dem namen,genannt",
+        "step": "schritt,schritte,schritten,planschritt",
+        "replan": (
+            "neuen plan,neuer plan,neu planen,neu geplant,umplanen,umgeplant,anderen plan,anderer plan,"
+            "plan geandert,plan andern,plan gewechselt,zweiten plan,zweiter plan"
+        ),
         "to": "zu,zur,zum,nach,in,ins,auf,an",
         "from": "von,vom,aus,verlassen,verliess",
         "article": "der,die,das,den,dem,ein,eine,einen,einem",

@@ -130,12 +130,21 @@ SPANISH = Language(
             "pues,hoy,bueno,este,oiga,por favor,hola,oye,dime,puedes decirme,"
             "podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,del,a,al,y,en,con,lo,le,se,es,que,para,"
             "su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,realmente,simplemente,juntos,"
-            "necesitaba,fue,ultimo que,entretanto,lugar,equipo,robots"
+            "necesitaba,fue,ultimo que,entretanto,lugar,equipo,robots,sus,tus,mis,nuestro,"
+            "nuestra,nuestros,nuestras,en medio de tu trabajo,en medio del trabajo,en mitad del trabajo,"
+            "durante el trabajo"
         ),
         "left out": (
             "olvidaste,nada,manos vacias,excluido,excluida,olvidado,olvidada,ignorado,ignorada,desatendido,desatendida"
         ),
         "between": "entre",
+        "called": "llamado,llamada,de nombre,que se llama,que se llamaba",
+        "step": "paso,pasos",
+        "replan": (
+            "nuevo plan,plan nuevo,otro plan,replanificar,replanificaste,replanificado,plan distinto,"
+            "plan diferente,cambiaste de plan,cambiar de plan,cambiado de plan,cambiaste tu plan,"
+            "cambiaste el plan,segundo plan"
+        ),
         "to": "a,al,hacia,en,hasta",
         "being": "es,era,son,eran,fue,fueron,ha sido,hay,habia,hubo,estaba",
         "at place": "en,dentro,sobre,encima,bajo,debajo,detras,delante,junto,entre,cerca,adentro",

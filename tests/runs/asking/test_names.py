@@ -1,0 +1,101 @@
+"""Names in questions: people who are called by a name, names that are misheard, and names without their letter."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking import answer, answer_heard, words_of_names
+from socialbot.runs.history import History
+from socialbot.runs.run import RunView
+
+DEEDS = (
+    ("crane_a", "lift(crane_a, crate_b1, pier_1)"),
+    ("crane_a", "lower(crane_a, crate_b1, truck_a)"),
+    ("truck_a", "drive(truck_a, pier_1, depot_a)"),
+    ("scout_a", "go(scout_a, pier_2)"),
+    ("guard_a", 'check("Ann")'),
+    ("crane_a", "turn(crane_a, pier_1)"),
+)
+
+
+@pytest.fixture(scope="module")
+def harbour() -> RunView:
+    """Return a run of four agents without a camera, a deed each second."""
+    return RunView(
+        None,
+        History(
+            TraceRecord(stamp=n * SECOND, id=f"{source}-{n}", source=source, kind="action", what=what)
+            for n, (source, what) in enumerate(DEEDS)
+        ),
+        None,
+    )
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Was Ann here?",
+        "Was a person called Ann here?",
+        "Did somebody named Ann come?",
+        "War jemand namens Ann hier?",
+        "Une personne nommée Ann est-elle venue ?",
+        "¿Vino una persona llamada Ann?",
+    ],
+)
+def test_a_person_whom_no_camera_saw_was_here_as_the_deeds_tell(harbour, question):
+    found = answer(harbour, question)
+    assert [clause.records for clause in found.clauses] == [("guard_a-4",)], found.text
+
+
+@pytest.mark.parametrize("question", ["Was Eve here?", "Was a person called Eve here?", "Who tickled Ann?"])
+def test_a_person_whom_no_record_names_was_not_here(harbour, question):
+    assert not answer(harbour, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "id"),
+    [
+        ("Who lifted the crate from the pier?", "crane_a-0"),
+        ("When did the truck drive to the depot?", "truck_a-2"),
+        ("Where did the scout go?", "scout_a-3"),
+    ],
+)
+def test_a_name_without_its_letter_is_the_thing_that_the_deed_has(harbour, question, id):
+    found = answer(harbour, question)
+    assert found.clauses[0].records == (id,), found.text
+
+
+def test_an_agent_may_be_the_thing_of_an_event(harbour):
+    found = answer(harbour, "What happened right after crate B1 was loaded on the truck?")
+    assert found.clauses[0].records == ("truck_a-2",), found.text
+
+
+@pytest.mark.parametrize(
+    ("heard", "taken"),
+    [
+        ("Where did Scott go?", "Where did scout go?"),
+        ("Where did Simon go?", "Where did Simon go?"),
+        ("Where did the crane turn?", "Where did the crane turn?"),
+    ],
+)
+def test_an_unknown_word_is_taken_for_the_name_of_the_same_sound(harbour, heard, taken):
+    text, found = answer_heard([heard], partial(answer, harbour), words_of_names(harbour))
+    assert text == taken
+    assert found == answer(harbour, taken)
+
+
+def test_what_was_written_is_not_taken_for_a_name_of_the_same_sound(harbour):
+    assert not answer(harbour, "Where did Scott go?").known
+
+
+def test_a_number_of_seconds_may_be_recognised_in_two_parts():
+    history = History(
+        TraceRecord(stamp=n * SECOND, id=f"robot-{n}", source="robot", kind="action", what=f"step{n}()")
+        for n in (0, 90, 101, 110)
+    )
+    found = answer(RunView(None, history, None), "What did you do at 100 1 seconds?")
+    assert [clause.records for clause in found.clauses] == [("robot-101",)]
