@@ -136,9 +136,15 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}? {listed}" if close else listed
 
 
+_PACKAGE = os.path.dirname(os.path.dirname(__file__))
+
+
 def described(error: BaseException, *rooms: str) -> str:
-    """Return type and message of an exception on one line, with its `place_of` unless it is an error for users."""
-    place = "" if isinstance(error, SocialbotError) else place_of(error, *rooms)
+    """Return type and message of an exception on one line, with its `place_of`.
+
+    An error of socialbot tells the place in code of others that led to it: a handler that publishes a wrong message.
+    """
+    place = place_of(error, *((_PACKAGE,) if isinstance(error, SocialbotError) else rooms))
     return f"{type(error).__name__}: {error}" + (f" ({place})" if place else "")
 
 

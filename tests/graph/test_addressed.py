@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import time
+from pathlib import Path
 
 import pytest
 
@@ -121,8 +122,9 @@ def test_receiver_that_is_no_name_is_refused(receiver: str):
     runner = InlineRunner(POST)
     runner.start()
     runner.feed("/sent", Letter(stamp=1, receiver=receiver))
+    line = next(n for n, text in enumerate(Path(__file__).read_text().splitlines(), 1) if "letters.publish" in text)
     assert runner.faults["postman"].first == (
-        f"MessageError: /{{receiver}}/letters: receiver {receiver!r} is no name of a node"
+        f"MessageError: /{{receiver}}/letters: receiver {receiver!r} is no name of a node (test_addressed.py:{line})"
     )
 
 
