@@ -32,6 +32,13 @@ MAX_DATA_BYTES = 64 * 2**20
 OVERTAKEN_S = 1.0
 """Maximum age difference of messages that arrived out of order. A larger one means that time was reset."""
 
+LATE_S = 2.0
+"""Age (s) of an observation beyond the usual one from which it is out of date: a lost link or a pause held it back."""
+LATE_FOR_S = 1.0
+"""Real time (s) after which late observations count again: a clock was set, or they will be late from now on."""
+USUAL_COUNT = 50
+"""Number of observations whose least age is the usual one."""
+
 GRACE_S = 0.05  # real time to wait after the deadline of an input, for messages in transit
 CALLS_AVERAGED = 8  # number of calls in the average cost of a message
 
@@ -58,6 +65,9 @@ class InputQueue:
     handled: int = 0
     latest: int = 0
     _bytes: int = 0
+    _ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=USUAL_COUNT))
+    _taken: int = 0
+    _late_since_s: float | None = None
 
     def put(self, message: Message) -> None:
         """Append a message; skip stream messages that arrived out of order."""
@@ -87,6 +97,29 @@ class InputQueue:
         if self.port.delivery is Delivery.EVERY:
             self._bytes -= _data_bytes(message)
         return message
+
+    def is_late(self, message: Message, now: int, steady_s: float) -> bool:
+        """Return whether a message of an input with a deadline is out of date at ``now`` (ns), and count it as skipped.
+
+        Its age is compared with the least one of the last messages, as clocks of machines differ. After a lost link, or
+        a pause of this process, everything since then arrives at once, and nobody should act on what was seen before.
+        Stamps that stand still tell no age, and those that go back are a reset of time.
+        """
+        if not self.port.deadline_s:
+            return False
+        age_s = (now - message.stamp) / SECOND
+        if message.stamp <= self._taken:
+            self._ages_s.clear()
+        self._taken = message.stamp
+        if age_s > min(self._ages_s, default=age_s) + LATE_S:
+            self._late_since_s = steady_s if self._late_since_s is None else self._late_since_s
+            if steady_s - self._late_since_s <= LATE_FOR_S:
+                self.skipped += 1
+                return True
+            self._ages_s.clear()
+        self._late_since_s = None
+        self._ages_s.append(age_s)
+        return False
 
     def pause(self, now: int) -> float:
         """Time (s) to wait at ``now`` (ns) for a newer message; 0 unless the node is slow and the next one is due."""
@@ -293,7 +326,10 @@ class CallbackQueue:
                     alone = not self._simulated and len(self._order) == 1
                     pause = self._order[0].pause(self._now()) if alone else 0.0
                     if not pause:
-                        return self._next_message()
+                        queue, message = self._next_message()
+                        if self._simulated or not queue.is_late(message, self._now(), time.monotonic()):
+                            return queue, message
+                        continue
                     waits = (pause, timer_s, deadline_s)
                 elif self._on_idle and self._has_changed and not self._expected and self._overdue is None:
                     self._has_changed = False

@@ -60,7 +60,7 @@ class Input(Generic[M]):
 
     An input with a ``deadline_s`` is silent when no message arrives within it (see `socialbot.graph.health`). The
     runner then calls `Node.on_silence`, later `Node.on_return`. Messages on an input that is ``alternative_to`` it
-    count too.
+    count too. Messages that arrive much later than the others, as after a lost link, are skipped.
 
     With ``addressed_by``, the handler gets only messages whose attribute of that name is its node, or `EVERYBODY`.
     """

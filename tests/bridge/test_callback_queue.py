@@ -224,6 +224,105 @@ def test_drops_overtaken_messages_of_a_stream(queue):
     assert queue.take() is None
 
 
+SEEN = Input(Utterance, "/seen", deadline_s=0.3)
+SEEN.name = "seen"
+
+
+@pytest.fixture
+def live(monkeypatch) -> SimpleNamespace:
+    """Return a queue on a clock that ``wait`` moves; `take` gives the numbers of all messages that wait."""
+    clock = ManualClock(100 * SECOND)
+    steady = [0.0]
+    monkeypatch.setattr(_callback_queue.time, "monotonic", lambda: steady[0])
+    queue = CallbackQueue(clock.now, simulated=False)
+
+    def wait(seconds: float) -> None:
+        clock.advance(seconds)
+        steady[0] += seconds
+
+    def add(*ages_s: float, port: Input[Any] = SEEN) -> None:
+        for age_s in ages_s:
+            queue.put(port, Utterance(stamp=clock.now() - nanoseconds(age_s), id=f"{age_s:.1f}", text=""))
+
+    def take() -> list[str]:
+        found: list[str] = []
+        while True:
+            queue.put(OTHER, Utterance(stamp=clock.now(), id="end", text=""))  # so that it never waits
+            while (id := queue.take()[1].id) != "end":  # type: ignore[index]
+                found.append(id)
+            if not any(each.waiting for each in queue.inputs):
+                return found
+
+    return SimpleNamespace(clock=clock, queue=queue, wait=wait, add=add, take=take)
+
+
+def usual(live, offset_s: float = 0.0, count: int = 10) -> None:
+    for _ in range(count):
+        live.wait(0.1)
+        live.add(offset_s + 0.1)
+        assert live.take() == [f"{offset_s + 0.1:.1f}"]
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 3600.0, -3600.0])
+def test_observations_of_before_an_outage_are_skipped(live, offset_s):
+    usual(live, offset_s)
+    live.wait(5.0)
+    live.add(*(offset_s + age_s for age_s in (4.5, 3.5, 2.5, 1.5, 0.5)))
+    assert live.take() == [f"{offset_s + 1.5:.1f}", f"{offset_s + 0.5:.1f}"]
+    assert [each.skipped for each in live.queue.inputs if each.port is SEEN] == [3]
+
+
+def test_observations_of_before_an_outage_are_skipped_one_by_one_too(live):
+    usual(live)
+    live.wait(5.0)
+    for age_s in (4.5, 3.5, 2.5):
+        live.add(age_s)
+        assert live.take() == []
+        live.wait(0.01)
+    usual(live)
+
+
+def test_observations_that_stay_late_count_after_a_second(live):
+    usual(live)
+    live.clock.advance(30.0)  # the clock of this machine was set, or the sender is slow from now on
+    taken = 0
+    for _ in range(15):
+        live.wait(0.1)
+        live.add(30.0)
+        taken += len(live.take())
+    assert 3 <= taken <= 5
+    usual(live, 30.0)
+
+
+def test_stamps_that_stand_still_tell_no_delay(live):
+    for count in range(1, 50):
+        live.wait(1.0)
+        live.add(float(count))
+        assert live.take() == [f"{count:.1f}"]
+
+
+def test_stamps_that_go_back_are_no_delay(live):
+    usual(live)
+    live.add(60.0)
+    assert live.take() == ["60.0"]
+    usual(live, 59.0)
+
+
+@pytest.mark.parametrize("each", [EVERY, STREAM, STATE])
+def test_commands_and_states_are_never_too_late(live, each):
+    live.add(0.1, port=each)
+    assert live.take() == ["0.1"]
+    live.wait(5.0)
+    live.add(4.0, port=each)
+    assert live.take() == ["4.0"]
+
+
+def test_simulated_time_knows_no_delay(queue):
+    queue.add(SEEN, 1, 2, 3)
+    queue.clock.advance(100.0)
+    assert [result(queue.take()) for _ in range(3)] == [1, 2, 3]
+
+
 def test_counts_the_messages_of_each_input(queue):
     queue.add(EVERY, 1, 2)
     queue.add(STATE, 1, 2)
