@@ -67,6 +67,7 @@ class InputQueue:
     _bytes: int = 0
     _ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=USUAL_COUNT))
     _taken: int = 0
+    _taken_s: float = 0.0
     _late_since_s: float | None = None
 
     def put(self, message: Message) -> None:
@@ -101,19 +102,21 @@ class InputQueue:
     def is_late(self, message: Message, now: int, steady_s: float) -> bool:
         """Return whether a message of an input with a deadline is out of date at ``now`` (ns), and count it as skipped.
 
-        Its age is compared with the least one of the last messages, as clocks of machines differ. After a lost link, or
-        a pause of this process, everything since then arrives at once, and nobody should act on what was seen before.
+        After a lost link, or a pause of this process, everything since then arrives at once, and nobody should act on
+        what was seen before. So after a gap of `LATE_S` of real time, the age of a message is compared with the least
+        one of the last messages; clocks of machines differ. Without a gap, a clock was set, or a bag is played slowly.
         Stamps that stand still tell no age, and those that go back are a reset of time.
         """
         if not self.port.deadline_s:
             return False
-        age_s = (now - message.stamp) / SECOND
+        age_s, gap_s = (now - message.stamp) / SECOND, steady_s - self._taken_s
         if message.stamp <= self._taken:
             self._ages_s.clear()
-        self._taken = message.stamp
+        self._taken, self._taken_s = message.stamp, steady_s
         if age_s > min(self._ages_s, default=age_s) + LATE_S:
-            self._late_since_s = steady_s if self._late_since_s is None else self._late_since_s
-            if steady_s - self._late_since_s <= LATE_FOR_S:
+            if self._late_since_s is None and gap_s > LATE_S:
+                self._late_since_s = steady_s
+            if self._late_since_s is not None and steady_s - self._late_since_s <= LATE_FOR_S:
                 self.skipped += 1
                 return True
             self._ages_s.clear()

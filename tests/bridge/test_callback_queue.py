@@ -284,6 +284,7 @@ def test_observations_of_before_an_outage_are_skipped_one_by_one_too(live):
 
 def test_observations_that_stay_late_count_after_a_second(live):
     usual(live)
+    live.wait(5.0)
     live.clock.advance(30.0)  # the clock of this machine was set, or the sender is slow from now on
     taken = 0
     for _ in range(15):
@@ -292,6 +293,22 @@ def test_observations_that_stay_late_count_after_a_second(live):
         taken += len(live.take())
     assert 3 <= taken <= 5
     usual(live, 30.0)
+
+
+def test_a_clock_that_is_set_costs_no_observation(live):
+    usual(live)
+    live.clock.advance(3600.0)
+    usual(live, 3600.0)
+    live.wait(5.0)
+    live.add(3604.0, 3600.5)
+    assert live.take() == ["3600.5"]
+
+
+def test_a_bag_that_is_played_slowly_loses_no_observation(live):
+    for count in range(400):
+        live.wait(0.2)
+        live.add(1.0 + 0.1 * count)
+        assert live.take() == [f"{1.0 + 0.1 * count:.1f}"]
 
 
 def test_stamps_that_stand_still_tell_no_delay(live):
