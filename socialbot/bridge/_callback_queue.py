@@ -102,10 +102,11 @@ class InputQueue:
     def is_late(self, message: Message, now: int, steady_s: float) -> bool:
         """Return whether a message of an input with a deadline is out of date at ``now`` (ns), and count it as skipped.
 
-        After a lost link, or a pause of this process, everything since then arrives at once, and nobody should act on
-        what was seen before. So after a gap of `LATE_S` of real time, the age of a message is compared with the least
-        one of the last messages; clocks of machines differ. Without a gap, a clock was set, or a bag is played slowly.
-        Stamps that stand still tell no age, and those that go back are a reset of time.
+        A lost link, or a pause of this process, holds messages back; then all of them arrive at once. Nobody should act
+        on such old observations. A message is late if two things are true: nothing was taken for `LATE_S` of real time,
+        and the message is `LATE_S` older than the youngest of the last messages was. Ages are compared only with each
+        other, because clocks of machines differ. Without a gap, a clock was set, or a bag is played slowly. Stamps that
+        stand still tell no age, and stamps that go back are a reset of time.
         """
         if not self.port.deadline_s:
             return False

@@ -232,27 +232,25 @@ def _about_plan(found: Found, subjects: Subjects) -> Candidate | None:
     goals = {stem(word) for each in subjects.history if each.kind == "plan_start" for word in tokens(each.what)}
     if not goals:
         return None
-    is_new, is_plan = tells_exactly(words, language, "replan"), bool(_PLAN.intersection(words))
-    order = found.question.ordinal
-    named = places_of_class(words, language, "step")
+    named, new = (places_of_class(words, language, name) for name in ("step", "replan"))
+    is_plan, order = bool(_PLAN.intersection(words)), found.question.ordinal
     if named and order is None:
         order = next((int(one[0]) for n in named if (one := number_at([*words, ""], n + 1)) is not None), None)
     is_asked = not reading.has("why", "next", "fail", "when", "how_long") and (reading.has(*_OF_PLANS) or is_plan)
     if is_asked and (
         (named and (is_plan or (order or 0) > 0))
-        or (is_new and is_plan and reading.has("what") and not _is_caused(reading))
+        or (new and is_plan and reading.has("what") and not _is_caused(reading))
     ):
         kind: Kind = "steps"
-    elif is_new:
+    elif new:
         kind = "replanned"
     else:
         return None
-    phrases = {n for places in _places_at(words, language.phrases["replan"]) for n in places} | named
-    begin = min(phrases | {n for n, word in enumerate(words) if word in _PLAN})
+    begin = min(named | new | {n for n, word in enumerate(words) if word in _PLAN})
     content = tuple(
         words[n]
         for n in range(begin, len(words))
-        if n not in phrases | found.referred and words[n] not in {*language.known_words, *_PLAN}
+        if n not in named | new | found.referred and words[n] not in {*language.known_words, *_PLAN}
     )
     agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
     is_known = all(
@@ -262,13 +260,6 @@ def _about_plan(found: Found, subjects: Subjects) -> Candidate | None:
         found.question, kind=kind if is_known else None, agent=agent, ordinal=order, unknown=content, person=None
     )
     return Candidate(question, found, None, 0)
-
-
-def _places_at(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> Iterator[range]:
-    """Yield the places of phrases in these very words."""
-    for phrase in phrases:
-        starts = (n for n in range(len(words)) if tuple(words[n : n + len(phrase)]) == phrase)
-        yield from (range(n, n + len(phrase)) for n in starts)
 
 
 def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import msgspec
 import pytest
 
-from evaluation.questions_check import Verifier
 from socialbot.runs.asking import answer
 from socialbot.runs.folder import RecordedRun, open_run
+from tests.runs.asking.written_runs import faults, write_run
 from tests.runs.deliberating_runs import plan, plan_end, record
 
 STEPS = ("(go ann dock hall)", "(clean ann hall)", "(go ann hall attic)", "(clean ann attic)")
@@ -28,20 +26,12 @@ RECORDS = [
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run") / "ann"
-    folder.mkdir()
-    (folder / "trace.jsonl").write_bytes(b"".join(msgspec.json.encode(each) + b"\n" for each in RECORDS))
-    (folder / "results.json").write_text("{}")
-    return folder
+    return write_run(tmp_path_factory.mktemp("run") / "ann", RECORDS)
 
 
 @pytest.fixture(scope="module")
 def run(folder) -> RecordedRun:
     return open_run(folder)
-
-
-def faults(folder, found) -> list[str]:
-    return Verifier(folder).faults(json.loads(msgspec.json.encode(found)))
 
 
 @pytest.mark.parametrize(

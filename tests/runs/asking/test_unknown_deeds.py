@@ -15,6 +15,7 @@ from socialbot.runs.asking._words import ALIKE, folded, similarity
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
+from tests.runs.asking.written_runs import run_of_deeds
 
 DEEDS = (
     ("gripper_a", "pickup(gripper_a, box_a1, base_1)"),
@@ -33,14 +34,7 @@ HEARD = ("Where is the library?", "Thank you.")
 @pytest.fixture(scope="module")
 def yard() -> RunView:
     """Return a run of three agents without vocabulary and phrases, a deed each second."""
-    return RunView(
-        None,
-        History(
-            TraceRecord(stamp=n * SECOND, id=f"{source}-{n}", source=source, kind="action", what=what)
-            for n, (source, what) in enumerate(DEEDS)
-        ),
-        None,
-    )
+    return run_of_deeds(DEEDS)
 
 
 @pytest.fixture(scope="module")
