@@ -473,11 +473,21 @@ _LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
 
 def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
     """Yield the lock files of unused segments in ``folder``."""
-    youngest = time.time() - YOUNG_S
+    now = _file_time(folder)
     for path in sorted(folder.glob("fastrtps_*_el")):
         with contextlib.suppress(OSError):  # deleted meanwhile, or owned by another user
-            if _LOCK.fullmatch(path.name) and path.stat().st_mtime < youngest and is_free(path):
+            # A file from the future is from before the clock was set back.
+            if _LOCK.fullmatch(path.name) and abs(now - path.stat().st_mtime) > YOUNG_S and is_free(path):
                 yield path
+
+
+def _file_time(folder: Path) -> float:
+    """Modification time (s) that a file written now in ``folder`` has."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            return os.fstat(file.fileno()).st_mtime
+    except OSError:
+        return time.time()
 
 
 def is_free(path: Path) -> bool:

@@ -334,6 +334,24 @@ def test_removes_only_stale_segments(tmp_path: Path) -> None:
     }
 
 
+def test_removes_stale_segments_of_before_the_clock_was_set_back(tmp_path: Path) -> None:
+    segment(tmp_path, DEAD, age_s=-3600.0)
+    segment(tmp_path, YOUNG, age_s=0.0)
+    assert remove_stale(tmp_path) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {f"fastrtps_{YOUNG}", f"fastrtps_{YOUNG}_el"}
+
+
+@pytest.mark.parametrize("offset_s", [-86400.0, 86400.0])
+def test_age_of_a_segment_is_told_by_the_clock_of_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, offset_s: float
+) -> None:
+    segment(tmp_path, DEAD)
+    segment(tmp_path, YOUNG, age_s=0.0)
+    now = time.time()
+    monkeypatch.setattr(stale_memory.time, "time", lambda: now + offset_s)
+    assert [lock.name for lock in stale_locks(tmp_path)] == [f"fastrtps_{DEAD}_el"]
+
+
 def test_removes_a_lock_without_a_segment(tmp_path: Path) -> None:
     segment(tmp_path, DEAD)
     (tmp_path / f"fastrtps_{DEAD}").unlink()
