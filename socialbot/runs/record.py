@@ -358,6 +358,13 @@ def event_log_topics(graph: Graph) -> dict[str, type[Message]]:
     return {} if log is None else {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, log.kinds)}
 
 
+def world_view_topics(graph: Graph) -> dict[str, type[Message]]:
+    """Return the topics that the world view of ``graph`` reads, with their types."""
+    view = world_view_of(graph)
+    kinds = () if view is None else tuple(view.kinds)
+    return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
+
+
 def with_event_log(graph: Graph, observe: MessageObserver) -> MessageObserver:
     """Return ``observe`` extended by the records that the event log of ``graph`` derives."""
     log = event_log_of(graph)

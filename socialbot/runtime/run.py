@@ -31,6 +31,7 @@ from socialbot.runs.record import (
     event_log_topics,
     versions,
     with_event_log,
+    world_view_topics,
 )
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
@@ -292,16 +293,20 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 
 
 def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[str, type[Message]]:
-    """Return the topics to observe: recorded ones, plans, health and structured inputs.
+    """Return the topics to observe: recorded ones, those of the world view, plans, health and structured inputs.
 
     ``nodes`` limits them to topics which these nodes publish or subscribe to.
     """
-    found = event_log_topics(graph) | {
-        topic: kind
-        for topic, kind in graph.topics().items()
-        if issubclass(kind, (*RECORDED, PlanExecutionInfo, Health))
-        or (topic in graph.inputs and issubclass(kind, Structured))
-    }
+    found = (
+        event_log_topics(graph)
+        | world_view_topics(graph)
+        | {
+            topic: kind
+            for topic, kind in graph.topics().items()
+            if issubclass(kind, (*RECORDED, PlanExecutionInfo, Health))
+            or (topic in graph.inputs and issubclass(kind, Structured))
+        }
+    )
     chosen = [config for config in graph.nodes if nodes is None or config.name in nodes]
     ports = {topic for config in chosen for topic, _ in (*config.publications, *config.subscriptions)}
     return {topic: kind for topic, kind in found.items() if nodes is None or topic in ports}

@@ -18,7 +18,7 @@ from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet,
 from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph, check_parameters
-from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP
+from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP, world_view_topics
 from socialbot.runtime.bag_source import BAG_GRAPH
 from socialbot.runtime.run import Execution, Runner, RunSource, with_speech_files
 
@@ -188,11 +188,16 @@ def clock_step_s(graph: Graph) -> float:
 
 
 def simulation_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics to observe: the trace, `replay_topics`, desires, statuses and the end of simulators."""
+    """Return the topics to observe: the trace, `replay_topics`, world view, desires, statuses, end of simulators."""
     kinds = (*RECORDED, PlanExecutionInfo, DesireSet, LifecycleStatus)
     found = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
     health: dict[str, type[Message]] = {HEALTH_TOPIC: Health}
-    return {**found, **replay_topics(graph), **(health if isinstance(completion_check(graph), SimulatorsDone) else {})}
+    return {
+        **found,
+        **world_view_topics(graph),
+        **replay_topics(graph),
+        **(health if isinstance(completion_check(graph), SimulatorsDone) else {}),
+    }
 
 
 def image_topics(graph: Graph) -> list[str]:

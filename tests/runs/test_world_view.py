@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Output
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.report import PAGE, report_html, write_report
+from socialbot.runtime.run import observed_topics
+from socialbot.runtime.simulated_source import simulation_topics
 from socialbot.testing import GraphTester
 from tests.runs.browsing import Visit, chromium
 from tests.runs.pages import unfrozen
@@ -101,15 +104,29 @@ def hall(graph: Graph) -> Hall:
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RecordedRun:
-    """The record of a node that is no simulator, whose package has a world view."""
+def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
+    """The graph of a node that is no simulator, whose package has a world view."""
     package = AgentPackage(
         "door", __name__.rpartition(".")[0], {"door": f"{__name__}:Door"}, world_view=f"{__name__}:hall"
     )
     monkeypatch.setattr(registry, "agent_packages", lambda: (package,))
-    with GraphTester(Graph("door", (NodeConfig("door", Door),))) as tester:
+    return Graph("door", (NodeConfig("door", Door),))
+
+
+@pytest.fixture
+def run(tmp_path: Path, graph: Graph) -> RecordedRun:
+    """The record of that graph."""
+    with GraphTester(graph) as tester:
         tester.run(3)
     return tester.recorded(tmp_path / "run")
+
+
+@pytest.mark.parametrize("topics", [observed_topics, simulation_topics])
+def test_each_kind_of_run_observes_what_the_world_view_takes(
+    graph: Graph, topics: Callable[[Graph], Mapping[str, type[Message]]]
+) -> None:
+    assert topics(graph).get("/guests") is GuestCount
+    assert "/noise" not in topics(graph)
 
 
 def test_the_record_keeps_what_the_world_view_takes(run: RecordedRun) -> None:
