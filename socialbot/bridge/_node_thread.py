@@ -19,7 +19,16 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
-from socialbot.graph.node import Node, NodeConfig, Timer, failure_text, outcome, start_failure
+from socialbot.graph.node import (
+    Node,
+    NodeConfig,
+    Timer,
+    checked_callback,
+    failure_text,
+    make_node,
+    outcome,
+    start_failure,
+)
 from socialbot.graph.ports import Input, Output
 from socialbot.graph.services import ClientPort
 
@@ -83,12 +92,15 @@ class _NodeContext:
         self.statistics.count_publication(*watch.seconds())
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        self.queue.call_soon(callback)
+        self.queue.call_soon(checked_callback(callback))
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
-        return self.queue.call_at(time, callback)
+        return self.queue.call_at(time, checked_callback(callback))
 
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
+        checked_callback(work)
+        checked_callback(then)
+
         def run() -> None:
             self.queue.call_expected(functools.partial(then, outcome(work)))
 
@@ -123,7 +135,7 @@ class NodeThread:
         self.queue = CallbackQueue(clock.now, simulated=simulated, on_idle=on_idle)
         self._health = HealthMonitor(config, clock, publish_health)
         context = _NodeContext(clock, self.queue, publish, channel, self._health, statistics)
-        self.node: Node = config.type(config.name, context, parameters)
+        self.node: Node = make_node(config, context, parameters)
         self._clock = clock
         self._simulated = simulated
         self._connections = connections

@@ -21,7 +21,17 @@ from socialbot.core.messages import Health, Message
 from socialbot.graph._local_services import LocalChannel, LocalServices
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import Graph, Node, NodeConfig, Timer, failure_text, outcome, start_failure
+from socialbot.graph.node import (
+    Graph,
+    Node,
+    NodeConfig,
+    Timer,
+    checked_callback,
+    failure_text,
+    make_node,
+    outcome,
+    start_failure,
+)
 from socialbot.graph.ports import EVERYBODY, Delivery, Input, Output
 from socialbot.graph.services import ClientPort
 
@@ -125,9 +135,10 @@ class _Context:
         self._runner.posted.put(self._guarded(callback))
 
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
-        self.call_soon(functools.partial(then, outcome(work)))
+        self.call_soon(functools.partial(checked_callback(then), outcome(checked_callback(work))))
 
     def _guarded(self, callback: Callable[[], None]) -> Callable[[], None]:
+        checked_callback(callback)
         return lambda: self._runner.guard(self, callback)
 
 
@@ -300,7 +311,7 @@ class InlineRunner:
     def _make(self, config: NodeConfig) -> Node:
         context = self._contexts[config.name] = _Context(self, config)
         try:
-            node = self.nodes[config.name] = config.type(config.name, context, config.parameters)
+            node = self.nodes[config.name] = make_node(config, context, config.parameters)
         except Exception as error:
             raise start_failure(config.name, error) from error
         return node

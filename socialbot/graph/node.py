@@ -192,7 +192,7 @@ class Node:
 
     def call_after(self, seconds: float, callback: Callable[[], None]) -> Timer:
         """Call ``callback`` once after ``seconds``."""
-        return self.context.call_at(self.clock.now() + nanoseconds(seconds), callback)
+        return self.context.call_at(self.clock.now() + nanoseconds(seconds), checked_callback(callback))
 
     def set_parameter(self, name: str, value: object) -> None:
         """Change a parameter at run time.
@@ -241,6 +241,23 @@ class Node:
         self.context.health_monitor.say(state, reason)
 
     say_health = RenamedAttribute("report_health")
+
+
+def make_node(config: NodeConfig, context: Context, parameters: Mapping[str, object]) -> Node:
+    """Return a new node. Raises GraphError if its class leaves out the initialisation of `Node`."""
+    node = config.type(config.name, context, parameters)
+    if "context" not in vars(node):
+        what = f"{config.type.__name__}.__init__ does not initialise its base class"
+        remedy = "begin it with: super().__init__(name, context, parameters)"
+        raise GraphError(what, where=config.place(config.type.__module__), remedy=remedy)
+    return node
+
+
+def checked_callback(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return ``callback``. Raises TypeError if it is no function, but the result of one."""
+    if not callable(callback):
+        raise TypeError(f"the callback is {callback!r}, no function: pass the function itself, without parentheses")
+    return callback
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:

@@ -49,6 +49,26 @@ def _message_type(kind: Any) -> Any:
     return kind if isinstance(kind, type) and issubclass(kind, Message) else ros_message(kind)
 
 
+def check_handler(handler: Callable[..., Any], *arguments: str) -> str:
+    """Return module and class of a method that handles ``arguments``.
+
+    Raises:
+        GraphError: It is a coroutine, or takes other arguments.
+    """
+    name, own = handler.__name__, handler.__qualname__.rpartition(".")[0]
+    place = f"{handler.__module__}.{own}" if own else handler.__module__
+    if inspect.iscoroutinefunction(handler):
+        remedy = "write def instead of async def; run_in_background does what takes long"
+        raise GraphError(f"the handler {name} is a coroutine", where=place, remedy=remedy)
+    given = ("self", *arguments)
+    try:
+        inspect.signature(handler).bind(*given)
+    except TypeError as error:
+        remedy = f"write def {name}({', '.join(given)})"
+        raise GraphError(f"the handler {name} takes other arguments: {error}", where=place, remedy=remedy) from None
+    return place
+
+
 class Input(Generic[M]):
     """Typed input; as a decorator it registers the method that handles its messages.
 
@@ -91,11 +111,7 @@ class Input(Generic[M]):
         self._handler = self._handler or getattr(getattr(super(owner, owner), name, None), "_handler", "")
 
     def __call__(self, handler: H) -> H:
-        name, own = handler.__name__, handler.__qualname__.rpartition(".")[0]
-        place = f"{handler.__module__}.{own}" if own else handler.__module__
-        if inspect.iscoroutinefunction(handler):
-            remedy = "write def instead of async def; run_in_background does what takes long"
-            raise GraphError(f"the handler {name} is a coroutine", where=place, remedy=remedy)
+        name, place = handler.__name__, check_handler(handler, "message")
         if self._handler not in ("", name) and self._owner == place:
             what = f"the input on {self.topic} has two handlers: {self._handler} and {name}"
             raise GraphError(what, where=place, remedy="decorate one method")

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.graph.calls import GoalHandle, Interface, PendingCall, Then, interface
+from socialbot.graph.ports import check_handler
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Node, NodeConfig
@@ -40,6 +41,8 @@ class _Server:
     """Port that offers a service or action."""
 
     interface: Interface
+    _arguments: tuple[str, ...] = ()
+    """Arguments of its handler."""
 
     def __init__(self, topic: str, *, open_to_all: bool) -> None:
         self.topic = topic
@@ -53,6 +56,7 @@ class _Server:
         self._handler = self._handler or getattr(inherited, "_handler", "")
 
     def __call__(self, handler: H) -> H:
+        check_handler(handler, *self._arguments)
         self._handler = handler.__name__
         return handler
 
@@ -68,6 +72,8 @@ class Service(_Server):
         topic: Name of the service.
         open_to_all: Offer it in a graph with keys, too. ROS services carry no signature: anybody may call it.
     """
+
+    _arguments = ("request", "response")
 
     def __init__(self, service_type: type | str, topic: str, *, open_to_all: bool = False) -> None:
         super().__init__(topic, open_to_all=open_to_all)
@@ -87,6 +93,8 @@ class ActionServer(_Server):
     The arguments are those of `Service`.
     """
 
+    _arguments = ("goal",)
+
     def __init__(self, action_type: type | str, topic: str, *, open_to_all: bool = False) -> None:
         super().__init__(topic, open_to_all=open_to_all)
         self.interface = interface(action_type, "action")
@@ -99,6 +107,7 @@ class ActionServer(_Server):
 
     def on_cancel(self, handler: H) -> H:
         """Register the method that stops a goal and calls `GoalHandle.cancelled`."""
+        check_handler(handler, *self._arguments)
         self._cancel_handler = handler.__name__
         return handler
 

@@ -13,6 +13,7 @@ from socialbot.core.messages import Health, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
+from socialbot.graph.services import ActionServer, Service
 
 WORD = Utterance(stamp=0, id="1", text="hello")
 
@@ -217,3 +218,62 @@ def test_messages_that_keep_the_time_still_are_an_error(monkeypatch: pytest.Monk
     with pytest.raises(NodeError, match=r"1000 messages or calls .* at 1\.000 s.* the last on /in") as caught:
         runner.feed("/in", WORD)
     assert caught.value.remedy
+
+
+class Forgetful(Node):
+    """Leaves out the initialisation of its base class."""
+
+    def __init__(self, name: str, context: object, parameters: object = None) -> None:
+        self.count = 0
+
+
+def test_a_node_that_forgets_its_base_class_is_refused():
+    with pytest.raises(GraphError, match=r"Forgetful\.__init__ does not initialise its base class") as caught:
+        InlineRunner(graph_of(Forgetful))
+    assert "super().__init__(name, context, parameters)" in str(caught.value.remedy)
+
+
+class Hasty(Node):
+    """Calls a function instead of passing it on."""
+
+    def begin(self) -> object: ...
+
+    def start(self) -> None:
+        self.begin()
+
+    def tell(self) -> None: ...
+
+
+@pytest.mark.parametrize(
+    "begin",
+    [
+        lambda node: node.call_after(1.0, node.tell()),
+        lambda node: node.context.call_at(1, node.tell()),
+        lambda node: node.context.call_soon(node.tell()),
+        lambda node: node.context.run_in_background(node.tell(), print),
+        lambda node: node.context.run_in_background(node.tell, node.tell()),
+    ],
+)
+def test_the_result_of_a_function_is_no_callback(begin: Callable[[Hasty], object], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Hasty, "begin", begin)
+    with pytest.raises(
+        NodeError, match=r"n: cannot start: TypeError: the callback is None, no function: .*\(test_mistakes\.py:\d+\)"
+    ):
+        InlineRunner(graph_of(Hasty)).start()
+
+
+@pytest.mark.parametrize(
+    ("decorate", "call"),
+    [
+        (Input(Utterance, "/in"), "on_heard(self, message)"),
+        (Service("std_srvs/srv/Trigger", "/go"), "on_heard(self, request, response)"),
+        (ActionServer("example_interfaces/action/Fibonacci", "/go"), "on_heard(self, goal)"),
+        (ActionServer("example_interfaces/action/Fibonacci", "/go").on_cancel, "on_heard(self, goal)"),
+    ],
+)
+def test_a_handler_takes_what_its_port_passes(decorate: Callable[[object], object], call: str):
+    def on_heard(self: object) -> None: ...
+
+    with pytest.raises(GraphError, match="the handler on_heard takes other arguments: too many") as caught:
+        decorate(on_heard)
+    assert caught.value.remedy == f"write def {call}"
