@@ -149,6 +149,7 @@ def simulate(
     print_outcome(console, result)
     console.print(f"\n{result.seconds:.1f} s, in {result.wall_s:.1f} s of real time; {result.ended}")
     write_page(console, record, title, report=report)
+    result.check()
     if report.deliberates and not story.reached and result.ended != STOPPED:
         raise typer.Exit(NOT_REACHED)
 

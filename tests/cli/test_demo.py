@@ -98,6 +98,43 @@ def test_missed_goal_has_an_exit_code(tmp_path):
     assert (tmp_path / "run" / "report.html").exists()
 
 
+DEAF = """
+from socialbot import Input, Node, Output, Structured
+
+
+class Word(Structured, frozen=True, kw_only=True):
+    text: str
+
+
+class Speaks(Node):
+    is_simulator = True
+    words = Output(Word, "/words")
+
+    def start(self):
+        self.words.publish(Word(stamp=self.clock.now(), text="hello"))
+        self.report_health("ended", "that was all")
+
+
+class Deaf(Node):
+    words = Input(Word, "/words")
+
+    @words
+    def on_word(self, word):
+        raise ValueError("deaf")
+"""
+
+
+def test_a_node_that_failed_at_every_call_has_an_exit_code(tmp_path):
+    (tmp_path / "deaf.py").write_text(DEAF, "utf-8")
+    graph = tmp_path / "graph.yaml"
+    nodes = '{speaks: {type: "deaf:Speaks"}, listens: {type: "deaf:Deaf"}}'
+    graph.write_text(f"name: deaf\nnodes: {nodes}\n", "utf-8")
+    done = socialbot("run", graph, "--out", tmp_path / "run")
+    assert done.returncode == 6
+    assert "error: listens: failed 1 times; first: ValueError: deaf (deaf.py:" in done.stderr
+    assert (tmp_path / "run" / "report.html").exists()
+
+
 def test_wrong_parameter_is_a_readable_error(tmp_path):
     done = socialbot_here("demo", "warehouse", "--faults", "30 explodes", "--out", tmp_path / "run")
     assert done.returncode == 4
