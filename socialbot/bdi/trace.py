@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import sys
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from os import PathLike
@@ -53,13 +53,17 @@ def log() -> Logger:
     return _logger
 
 
+_MOST_FAILURES = 1000
+"""Most kinds of failures that are counted."""
+
+
 class TraceWriter:
     """Numbers the trace records of an agent and passes them to its sink.
 
     ``sink`` may be replaced at any time; without one, records are only numbered.
     """
 
-    __slots__ = ("_broken", "_now", "name", "numbers", "sink")
+    __slots__ = ("_broken", "_failures", "_now", "name", "numbers", "sink")
 
     def __init__(self, name: str, clock: Clock, sink: Sink | None) -> None:
         self.name = name
@@ -67,6 +71,8 @@ class TraceWriter:
         self.numbers = itertools.count(1)
         self._now = clock.now
         self._broken = False
+        self._failures: Counter[tuple[str, str]] = Counter()
+        """Number of failures by what failed, and where or why."""
 
     def record(self, kind: str, what: str, cause: Any, **detail: object) -> str:
         """Write a record; return its id."""
@@ -81,9 +87,15 @@ class TraceWriter:
         return record_id
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
-        """Log an exception of user code and write a record of it; return its id."""
+        """Write a record of an exception of user code; return its id. Log the first, tenth, hundredth, ... alike."""
         message, place = message_of(problem), place_of(problem, _ROOM)
-        log().warning("%s: %s: %s%s", self.name, what, message, place and f" ({place})")
+        if len(self._failures) >= _MOST_FAILURES:
+            self._failures.clear()
+        self._failures[what, place or message] += 1
+        count = self._failures[what, place or message]
+        if str(count).strip("0") == "1":
+            times = f" {count} times" if count > 1 else ""
+            log().warning("%s: %s%s: %s%s", self.name, what, times, message, place and f" ({place})")
         where = {"where": place} if place else {}
         return self.record("failure", what, cause, reason=type(problem).__name__, message=message, **where)
 

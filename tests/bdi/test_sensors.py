@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from socialbot.bdi import Engine, Sensed, Sensor, ThreadSensor
+from socialbot.bdi import Engine, Sensed, Sensor, ThreadSensor, Trace
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, do, p
@@ -254,3 +254,25 @@ def test_the_time_of_a_percept_is_given_or_now():
     ears.push("one")
     lab.engine.run_until_idle()
     assert [held.since for held in lab.engine.beliefs] == [3 * SECOND]
+
+
+class Blind(Sensor):
+    def sense(self, percept: object) -> None:
+        raise ValueError(f"no light at {percept}")
+
+
+def test_repeated_failures_of_a_sensor_are_logged_at_powers_of_ten(caplog: pytest.LogCaptureFixture) -> None:
+    trace = Trace()
+    engine = Engine("owl", ManualClock(), sink=trace)
+    blind = Blind()
+    engine.add_sensor(blind)
+    for number in range(120):
+        blind.push(number)
+    engine.run_until_idle()
+    assert len(trace.find("failure", "Blind")) == 120
+    told = [record.getMessage().partition(" (")[0] for record in caplog.records]
+    assert told == [
+        "owl: Blind: no light at 0",
+        "owl: Blind 10 times: no light at 9",
+        "owl: Blind 100 times: no light at 99",
+    ]
