@@ -84,6 +84,7 @@ def check_change(literal: Literal) -> None:
 
 def check_values(literal: Literal) -> None:
     """Check the arguments of a belief or goal."""
+    _check_made(literal)
     for term in literal.args:
         if not isinstance(literal, Structure):  # in AgentSpeak, conditions are terms
             _check_no_condition(term, literal)
@@ -91,6 +92,16 @@ def check_values(literal: Literal) -> None:
             raise RuleError(f"{term.__name__} in {literal} is a class", remedy=f"write {term.__name__}()")
         if isinstance(term, (list, set, dict, bytearray)):
             raise RuleError(f"{term} in {literal} is mutable", remedy="use a tuple; lists of AgentSpeak are tuples")
+
+
+def _check_made(literal: Literal) -> None:
+    if "args" not in vars(literal):
+        kind = type(literal)
+        raise RuleError(
+            f"{kind.__name__}.__init__ does not initialise its base class",
+            where=kind.__module__,  # without arguments, its rule has no text
+            remedy="leave it out, or begin it with: super().__init__(...), with all arguments",
+        )
 
 
 def mismatch(belief: Literal, patterns: Iterable[Literal]) -> str:
@@ -199,6 +210,7 @@ def _queried(condition: Condition) -> Iterator[Literal]:
 
 def check_action(action: Action, known: set[str]) -> None:
     """Check the arguments of an action; ``known`` are the variables with a value before it."""
+    _check_made(action)
     for term in action.args:
         _check_no_condition(term, action)
         if inspect.isfunction(term) and (names := _parameters(term)) and names <= known:

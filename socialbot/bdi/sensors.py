@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
@@ -147,12 +148,26 @@ def changes(sensed: Sensed) -> list[Event]:
     """Convert the result of a sensor to changes of beliefs. Raises RuleError for other values."""
     if sensed is None:
         return []
-    items = [sensed] if isinstance(sensed, (Belief, Event)) else list(sensed)
+    if inspect.iscoroutine(sensed):
+        sensed.close()
+        raise RuleError("sense() of a sensor is a coroutine", remedy="write def instead of async def")
+    items: list[Any] = [sensed] if isinstance(sensed, (Belief, Event, str, type)) else _listed(sensed)
     for item in items:
+        if isinstance(item, type) and issubclass(item, Belief):
+            remedy = f"return {item.__name__}(), with its arguments"
+            raise RuleError(f"a sensor returned the class {item.__name__}", remedy=remedy)
         change = item.change if isinstance(item, Event) else Change.ADDED
         if not isinstance(item, (Belief, Event)) or change not in (Change.ADDED, Change.REMOVED):
             raise RuleError(f"a sensor returned {item!r}", remedy="return beliefs, +belief, -belief or None")
     return [+item if isinstance(item, Belief) else item for item in items]
+
+
+def _listed(sensed: Any) -> list[Any]:
+    try:
+        items = iter(sensed)
+    except TypeError:
+        return [sensed]
+    return list(items)
 
 
 def take_percept(interpreter: Interpreter, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:

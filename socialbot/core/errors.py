@@ -136,7 +136,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}? {listed}" if close else listed
 
 
-_PACKAGE = os.path.dirname(os.path.dirname(__file__))
+PACKAGE = os.path.dirname(os.path.dirname(__file__))
+"""The folder of socialbot."""
 
 
 def described(error: BaseException, *rooms: str) -> str:
@@ -144,7 +145,7 @@ def described(error: BaseException, *rooms: str) -> str:
 
     An error of socialbot tells the place in code of others that led to it: a handler that publishes a wrong message.
     """
-    place = place_of(error, *((_PACKAGE,) if isinstance(error, SocialbotError) else rooms))
+    place = place_of(error, *((PACKAGE,) if isinstance(error, SocialbotError) else rooms))
     return f"{type(error).__name__}: {error}" + (f" ({place})" if place else "")
 
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +30,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, NodeError, ParameterError, SocialbotError, described, suggestion
+from socialbot.core.errors import (
+    PACKAGE,
+    GraphError,
+    NodeError,
+    ParameterError,
+    RuleError,
+    SocialbotError,
+    described,
+    place_of,
+    suggestion,
+)
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
@@ -44,6 +55,9 @@ M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
 R = TypeVar("R")
+
+_LINE = re.compile(r":\d+\b")
+"""Part of a location with a line."""
 
 WireForm = Literal["json", "typed"]
 """Encoding of structured messages over ROS: JSON in std_msgs/String, or socialbot_msgs."""
@@ -274,8 +288,13 @@ def failure_text(error: Exception, *rooms: str) -> str:
 
 
 def start_failure(node: str, error: Exception, *rooms: str) -> SocialbotError:
-    """Return the error of a node that cannot start; ``rooms`` as in `failure_text`."""
+    """Return the error of a node that cannot start; ``rooms`` as in `failure_text`.
+
+    An error of socialbot without a line gets the line of the node's own code that led to it, such as a wrong rule.
+    """
     if isinstance(error, SocialbotError):
+        if error.where is None or (isinstance(error, RuleError) and not _LINE.search(error.where)):
+            error.where = ": ".join(filter(None, (place_of(error, PACKAGE), node, error.where)))
         return error
     return NodeError(f"cannot start: {failure_text(error, *rooms)}", where=node)
 

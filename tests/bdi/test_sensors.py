@@ -8,6 +8,7 @@ import threading
 import pytest
 
 from socialbot.bdi import Engine, Sensed, Sensor, ThreadSensor, Trace
+from socialbot.bdi.sensors import changes
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, do, p
@@ -276,3 +277,23 @@ def test_repeated_failures_of_a_sensor_are_logged_at_powers_of_ten(caplog: pytes
         "owl: Blind 10 times: no light at 9",
         "owl: Blind 100 times: no light at 99",
     ]
+
+
+async def later() -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("sensed", "what", "remedy"),
+    [
+        (p, "a sensor returned the class p", "return p()"),
+        ([p], "a sensor returned the class p", "return p()"),
+        (3, "a sensor returned 3", "return beliefs"),
+        ("here", "a sensor returned 'here'", "return beliefs"),
+        (later(), "sense() of a sensor is a coroutine", "write def"),
+    ],
+)
+def test_a_sensor_that_returns_something_else_is_told_what(sensed: object, what: str, remedy: str) -> None:
+    with pytest.raises(RuleError) as caught:
+        changes(sensed)  # type: ignore[arg-type]
+    assert caught.value.what == what
+    assert str(caught.value.remedy).startswith(remedy)

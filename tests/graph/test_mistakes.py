@@ -7,8 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
+from socialbot.agents.base.agent_node import AgentNode
+from socialbot.bdi import Action, Belief, Engine
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError
+from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError, RuleError
 from socialbot.core.messages import Health, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -277,3 +279,36 @@ def test_a_handler_takes_what_its_port_passes(decorate: Callable[[object], objec
     with pytest.raises(GraphError, match="the handler on_heard takes other arguments: too many") as caught:
         decorate(on_heard)
     assert caught.value.remedy == f"write def {call}"
+
+
+class Bow(Action):
+    """Leaves out the initialisation of its base class."""
+
+    def __init__(self, who: str) -> None:
+        self.who = who
+
+    def execute(self) -> None: ...
+
+
+class Arrived(Belief): ...
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        (lambda: +Arrived() >> [Arrived], r"test_mistakes\.py:\d+: n: Arrived is a class"),
+        (
+            lambda: +Arrived() >> [Bow("t1")],
+            r"test_mistakes\.py:\d+: n: .*: Bow\.__init__ does not init",
+        ),
+    ],
+)
+def test_a_wrong_rule_of_an_agent_has_its_line(rule: Callable[[], object], message: str):
+    class Polite(AgentNode):
+        def build(self) -> Engine:
+            engine = Engine("polite", self.clock, sink=self.record, wake=self.wake)
+            engine.add_rules(rule())  # type: ignore[arg-type]
+            return engine
+
+    with pytest.raises(RuleError, match=message):
+        InlineRunner(graph_of(Polite))
