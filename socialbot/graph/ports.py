@@ -187,6 +187,9 @@ class Publisher(Generic[M]):
         self._node.context.publish(self._port, message)
 
 
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text, in quotes if need be"}
+
+
 class Parameter(Generic[V]):
     """Node parameter with a default, a description and bounds.
 
@@ -250,7 +253,8 @@ class Parameter(Generic[V]):
         if kind is float and type(value) is int:
             value = float(value)
         if type(value) is not kind:
-            raise ParameterError(f"{value!r} is not of type {kind.__name__}", where=where, remedy=self.doc)
+            remedy = f"give {_KINDS[kind]}: {self.doc}"
+            raise ParameterError(f"{value!r} is not of type {kind.__name__}", where=where, remedy=remedy)
         if not self._is_in_range(value):
             raise ParameterError(f"{value!r} is out of range", where=where, remedy=self._range)
         if self.choices and value not in self.choices:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from socialbot.agents.base import agent_node
@@ -20,6 +22,23 @@ class Forgetful(AgentNode):
     def build(self) -> Engine:
         Engine("forgetful", self.clock, robot=self, sink=self.record, wake=self.wake)
         return None  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("connections", "what", "remedy"),
+    [
+        ({"sink": print}, "has no wake: the agent would never act", "wake=self.wake"),
+        ({"wake": print}, "has no sink: the agent would leave no record", "sink=self.record"),
+    ],
+)
+def test_an_engine_without_a_connection_to_its_node_is_refused(connections: dict[str, Any], what: str, remedy: str):
+    class Loose(AgentNode):
+        def build(self) -> Engine:
+            return Engine("loose", self.clock, **connections)
+
+    with pytest.raises(GraphError, match=f"node: the engine of Loose.build {what}") as caught:
+        GraphTester(Loose)
+    assert remedy in str(caught.value.remedy)
 
 
 def test_an_engine_that_build_does_not_return_is_missed():

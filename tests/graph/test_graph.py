@@ -148,11 +148,11 @@ def test_parameters_have_given_values_or_defaults():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"volume": "loud"}, ["'loud' is not of type float", "loudness"]),
+        ({"volume": "loud"}, ["'loud' is not of type float", "give a number: loudness"]),
         ({"volume": True}, ["True is not of type float"]),
         ({"times": 2.0}, ["2.0 is not of type int"]),
         ({"times": True}, ["True is not of type int"]),
-        ({"loud": 1}, ["1 is not of type bool"]),
+        ({"loud": 1}, ["1 is not of type bool", "give true or false"]),
         ({"voice": None}, ["None is not of type str"]),
         ({"volume": 1.1}, ["1.1 is out of range", "from 0.0 to 1.0"]),
         ({"volume": -1}, ["-1.0 is out of range"]),

@@ -140,6 +140,11 @@ class AgentNode(Node):
         if not isinstance(engine, Engine):
             what = f"{type(self).__name__}.build returns {engine!r}, which is no engine"
             raise GraphError(what, where=self.name, remedy="end it with: return engine")
+        for name, connected, role in ("wake", engine.wake, "never act"), ("sink", engine.trace.sink, "leave no record"):
+            if connected is None:
+                value = "self.wake" if name == "wake" else "self.record"
+                what = f"the engine of {type(self).__name__}.build has no {name}: the agent would {role}"
+                raise GraphError(what, where=self.name, remedy=f"make it with Engine(..., {name}={value})")
         self.engine = engine
 
     def build(self) -> Engine:
