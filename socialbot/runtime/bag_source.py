@@ -17,7 +17,7 @@ from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.recorded_services import recorded_services
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
-from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.messages import Message, PersonDetections, TraceRecord
 from socialbot.core.paths import read_text
 from socialbot.core.reading import read_bytes
 from socialbot.graph.files import load_graph, parse_graph
@@ -136,7 +136,7 @@ class BagSource(RunSource):
     def results(self, execution: Execution) -> dict[str, Any]:
         bag, record, result = self.bag, execution.record, execution.result
         assert isinstance(record, RunRecord)
-        if self.truth is not None:
+        if self.truth is not None and PersonDetections in execution.graph.topics().values():
             result.scores = score(self.truth, record.detections)
             record.write_scored(result.scores.by_frame)
         result.decisions = _compare(bag, execution.graph, self._decisions)

@@ -83,6 +83,15 @@ def test_replay_takes_paths_as_texts_and_as_paths(tmp_path, kind):
     assert result.results["graph"] == "own"
 
 
+def test_a_graph_without_detections_has_no_scores(tmp_path):
+    bag = drawn_bag(tmp_path, "visit", frames=2)
+    nodes = "{camera: {type: camera}, image_converter: {type: image_converter}}"
+    (tmp_path / "own.yaml").write_text(f"name: plain\ninputs: [/camera/image_raw]\nnodes: {nodes}\n", "utf-8")
+    result = replay(bag, tmp_path / "own.yaml", tmp_path / "run", cache=False)
+    assert (result.scores, result.results["scores"]) == (None, None)
+    assert not (tmp_path / "run" / "scored.jsonl").exists()
+
+
 def test_replay_never_writes_the_camera_file(tmp_path):
     settings = {"camera_file": "camera.json", "keep_pose": True}
     graph = load_graph("waldo").with_parameters({"person_detector": settings})
