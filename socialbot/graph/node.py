@@ -479,6 +479,8 @@ class Graph:
                         kind.ros_type if issubclass(kind, RosMessage) else kind.__name__
                         for kind in (message_type, port.message_type)
                     )
+                    if one == other:  # two classes of the same name
+                        one, other = (f"{kind.__module__}.{one}" for kind in (message_type, port.message_type))
                     raise GraphError(
                         f"{topic} is {one} for {first} but {other} for {config.name}",
                         where=config.place(self.name),

@@ -312,3 +312,12 @@ def test_a_wrong_rule_of_an_agent_has_its_line(rule: Callable[[], object], messa
 
     with pytest.raises(RuleError, match=message):
         InlineRunner(graph_of(Polite))
+
+
+def test_two_messages_of_one_name_are_told_apart_by_their_modules():
+    other = type("Utterance", (Utterance,), {"__module__": "elsewhere"}, frozen=True, kw_only=True)
+    first, second = (type("N", (Node,), {"said": Output(kind, "/out")}) for kind in (Utterance, other))
+    with pytest.raises(
+        GraphError, match=r"/out is socialbot\.core\.messages\.Utterance for a but elsewhere\.Utterance for b"
+    ):
+        Graph("g", (NodeConfig("a", first), NodeConfig("b", second)))
