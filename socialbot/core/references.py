@@ -66,6 +66,10 @@ def load_reference(
         ) from mistake
     if not hasattr(loaded, attribute):
         own = [key for key, value in vars(loaded).items() if fits(value) and _is_of(loaded, value)]
+        if module.partition(".")[0] in sys.stdlib_module_names:
+            remedy = f"give a module of your own that is called {module} another name"
+            fault = f"{failure}: {module} of Python's standard library has no {attribute!r}"
+            raise error(fault, where=where, remedy=remedy)
         raise error(f"{failure}: {module} has no {attribute!r}", where=where, remedy=suggestion(attribute, own))
     return getattr(loaded, attribute)
 

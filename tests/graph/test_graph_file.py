@@ -72,8 +72,9 @@ def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypat
     (tmp_path / "colorsys.py").write_text("raise SystemExit('this is not the one')")
     path = tmp_path / "g.yaml"
     path.write_text("name: own\nnodes:\n  own: {type: colorsys:Own}\n")
-    with pytest.raises(GraphError, match="colorsys has no 'Own'"):
+    with pytest.raises(GraphError, match="colorsys of Python's standard library has no 'Own'") as caught:
         load_graph(str(path))
+    assert "give a module of your own" in str(caught.value.remedy)
 
 
 @pytest.mark.parametrize(
