@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -338,6 +339,21 @@ def test_agent_continues_from_its_mind_file(files):
     again = Hall(worker(files, init_dset=str(files / "d.yaml"), mind_file=str(mind)))
     assert again.desires("worker") == ["b"], "and not what it desired at first"
     again.until(10)
+    assert {p("done", "a"), p("done", "b")} <= set(again.facts("worker"))
+
+
+def test_agent_goes_on_while_its_mind_file_cannot_be_written_and_saves_it_later(files):
+    folder = files / "minds"
+    hall = Hall(worker(files, init_dset=str(files / "d.yaml"), mind_file=str(folder / "mind.json")))
+    shutil.rmtree(folder)
+    folder.write_text("")
+    hall.send("/worker/add_desire", now(DesireItem, hall, desire=job("b")))
+    hall.until(20)
+    assert {p("done", "a"), p("done", "b")} <= set(hall.facts("worker"))
+    folder.unlink()
+    hall.send("/worker/add_belief", now(Belief, hall, belief=p("done", "a")))  # nothing new
+    hall.until(21)
+    again = Hall(worker(files, init_dset=str(files / "d.yaml"), mind_file=str(folder / "mind.json")))
     assert {p("done", "a"), p("done", "b")} <= set(again.facts("worker"))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,33 @@ def test_greeted_person_is_not_greeted_again_after_a_crash(kept: bool, greetings
     crash(corridor)
     corridor.see(ANNA, times=20)
     assert len(times(corridor, "greeting")) == greetings
+
+
+def test_state_is_saved_again_if_its_folder_is_removed(tmp_path: Path) -> None:
+    corridor = Corridor(mind_file=str(tmp_path / "minds" / "waldo.json"), help_after_s=3.0)
+    corridor.see(ANNA, times=60)
+    assert times(corridor, "offer"), "nothing changes from now on"
+    shutil.rmtree(tmp_path / "minds")
+    corridor.see(ANNA, times=11)
+    crash(corridor)
+    corridor.see(ANNA, times=60)
+    assert len(times(corridor, "greeting")) == len(times(corridor, "offer")) == 1
+
+
+def test_state_that_could_not_be_saved_is_saved_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = tmp_path / "minds"
+    corridor = Corridor(mind_file=str(folder / "waldo.json"), help_after_s=3.0)
+    corridor.see()
+    shutil.rmtree(folder)
+    folder.write_text("")
+    corridor.see(ANNA, times=60)
+    assert times(corridor, "offer"), "nothing changes from now on"
+    folder.unlink()
+    corridor.see(ANNA, times=11)
+    crash(corridor)
+    corridor.see(ANNA, times=60)
+    assert len(times(corridor, "greeting")) == len(times(corridor, "offer")) == 1
+    assert caplog.text.count("cannot save its state") == 1
 
 
 def test_beliefs_keep_their_begin(tmp_path: Path) -> None:
@@ -130,5 +158,5 @@ def test_unsavable_mind_is_logged_and_agent_continues(tmp_path: Path, caplog: py
     runner, thinker = thinking(tmp_path / "mind.json")
     thinker.engine.believe(thing(object()))
     runner.advance(SECOND)
-    assert "cannot write its mind file" in caplog.text
+    assert "cannot save its state" in caplog.text
     assert runner.faults["thinker"].failures == 0

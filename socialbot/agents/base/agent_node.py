@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-import threading
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from socialbot.agents.base._commands import DeliberatorCommands, EngineCommands, RefusedError
-from socialbot.bdi import Action, Engine, Record, saving
+from socialbot.agents.base.state_file import MindFile
+from socialbot.bdi import Action, Engine, Record
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import GraphError, SocialbotError
@@ -27,82 +25,11 @@ from socialbot.core.messages import (
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
-SAVE_EVERY_S = 0.2
-"""Minimum time between two saves."""
-
 TURNS = 16
 """Turns of the engine between two looks at other messages and calls of the node."""
 
 SHOW_EVERY_S = 0.1
 """Minimum time between two messages about the mind of an agent that never becomes idle."""
-
-RECORDS_SKIPPED = 1000
-"""Trace numbers to skip after a restart: records since the last save may have used them."""
-
-
-class MindFile:
-    """Saves the mental state of the engine of ``node`` in ``path``, by atomic writes in the background.
-
-    A failing disk is logged and does not stop the agent.
-    """
-
-    def __init__(self, node: AgentNode, path: Path) -> None:
-        self._node = node
-        self._path = path
-        self._earliest = 0
-        self._due: Timer | None = None
-        self._closed = threading.Event()
-        self._one_at_a_time = threading.Lock()
-
-    def recall(self) -> bool:
-        """Restore the saved state; return whether there is one. Rename a damaged file."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        if not self._path.exists():
-            return False
-        try:
-            data = saving.read(self._path)
-            saving.restore(self._node.engine, {**data, "records": data["records"] + RECORDS_SKIPPED})
-        except (saving.MindError, KeyError, TypeError) as error:
-            damaged = self._path.with_name(f"{self._path.name}.damaged")
-            self._node.log.warning("starts without its mind file, which is damaged and now %s: %s", damaged, error)
-            self._path.replace(damaged)
-            return False
-        return True
-
-    def changed(self) -> None:
-        """Schedule a save."""
-        if self._due is None:
-            self._due = self._node.context.call_at(max(self._node.clock.now(), self._earliest), self._save)
-
-    def close(self) -> None:
-        """Save once more, synchronously."""
-        if self._due is not None:
-            self._due.cancel()
-        with self._one_at_a_time:
-            self._closed.set()
-            try:
-                saving.write(self._node.engine, self._path)
-            except (saving.MindError, OSError) as error:
-                self._written(error)
-
-    def _save(self) -> None:
-        self._due = None
-        self._earliest = self._node.clock.now() + nanoseconds(SAVE_EVERY_S)
-        try:
-            data = saving.save(self._node.engine)
-        except saving.MindError as error:
-            self._written(error)
-        else:
-            self._node.context.run_in_background(functools.partial(self._write, data), self._written)
-
-    def _write(self, data: dict[str, Any]) -> None:
-        with self._one_at_a_time:
-            if not self._closed.is_set():
-                saving.write_data(data, self._path)
-
-    def _written(self, result: Exception | None) -> None:
-        if isinstance(result, Exception):
-            self._node.log.warning("cannot write its mind file: %s", result)
 
 
 class AgentNode(Node):
@@ -164,7 +91,7 @@ class AgentNode(Node):
         """Restore the state in ``mind_file`` and save it there from now on."""
         if self.mind_file and self.keeps_mind:
             path = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
-            self._mind_file = MindFile(self, path)
+            self._mind_file = MindFile(self, path, self.engine)
             if self._mind_file.recall():
                 self._beliefs = None
                 self.on_recalled()
@@ -183,6 +110,8 @@ class AgentNode(Node):
         busy = self.engine.run_until_idle(TURNS)
         if busy:
             self.wake()
+        if self._mind_file is not None:
+            self._mind_file.look()
         self._set_alarm(self.engine.next_wakeup())
         # Most messages of sensors change nothing.
         if (self._is_to_show and not busy) or self.clock.now() >= self._next_look:

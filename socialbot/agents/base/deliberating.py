@@ -28,6 +28,7 @@ from typing import Any, ClassVar
 
 from socialbot.agents.base._commands import DeliberatorCommands
 from socialbot.agents.base.agent_node import AgentNode
+from socialbot.agents.base.state_file import StateFile
 from socialbot.bdi import Engine
 from socialbot.core import paths
 from socialbot.core.errors import PlanningError
@@ -109,7 +110,7 @@ class Deliberating(AgentNode):
     request_timeout_s = Parameter(2.0, "time to wait for the reply of another agent (s)", minimum=0.1, fixed=True)
     mind_file = Parameter("", "file of beliefs and desires, to continue after a restart; empty: none", fixed=True)
 
-    _kept_in: Path | None = None
+    _mind_kept: StateFile | None = None
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
@@ -148,6 +149,11 @@ class Deliberating(AgentNode):
 
     def recall(self) -> None:
         """Nothing to do: `start` restores the state, and each change saves it."""
+
+    def think(self) -> None:
+        super().think()
+        if self._mind_kept is not None:
+            self._mind_kept.look()
 
     def _report_unhandled_actions(self) -> None:
         """Report the domain actions without a `PlanAction` or a plan."""
@@ -201,8 +207,9 @@ class Deliberating(AgentNode):
             for rule in load_rules(self.path("init_reactive_rules_set"), deliberator.domain):
                 deliberator.rules.add(rule)
         if self.mind_file:
-            self._kept_in = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
-            if restore_mind(deliberator, self._kept_in):
+            path = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
+            self._mind_kept = StateFile(self, path, lambda: save_mind(deliberator, path))
+            if restore_mind(deliberator, path):
                 return
         for fact in self.beliefs_at_first():
             deliberator.facts.add(fact, cause=self.init_bset or "at first")
@@ -298,5 +305,5 @@ class Deliberating(AgentNode):
         )
 
     def _keep(self) -> None:
-        if self._kept_in is not None:
-            save_mind(self.deliberator, self._kept_in)
+        if self._mind_kept is not None:
+            self._mind_kept.changed()

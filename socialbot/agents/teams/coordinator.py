@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from socialbot.agents.base.state_file import StateFile
 from socialbot.agents.teams import messages as acl
 from socialbot.agents.teams._mission_manager import MissionManager, Send
 from socialbot.agents.teams.domain import TeamDomain
@@ -245,13 +247,11 @@ class TeamCoordinator(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for an invalid ``memory_file``."""
         super().__init__(name, context, parameters)
-        self._memory_file = (
-            paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
-        )
+        path = paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
+        self._memory_kept = None if path is None else StateFile(self, path, lambda: self._save(path))
         sender = acl.AclSender(COORDINATOR, self.clock, self._send)
-        self.coordinator = Coordinator(self.team_domain(), sender.send, self._options(), self._recall())
+        self.coordinator = Coordinator(self.team_domain(), sender.send, self._options(), _recall(path))
         self.planning_s = self.coordinator.manager.planning_s
-        self._saved = b""
 
     def _send(self, message: AclMessage) -> None:
         (self.directed if message.receiver in self.coordinator.memory.members else self.said).publish(message)
@@ -287,29 +287,22 @@ class TeamCoordinator(Node):
         if manager.changed:
             manager.changed = False
             self.missions.publish(Missions(stamp=self.clock.now(), missions=tuple(manager.views())))
-            self._save()
+            if self._memory_kept is not None:
+                self._memory_kept.changed()
+        if self._memory_kept is not None:
+            self._memory_kept.look()
 
-    def _save(self) -> None:
-        path = self._memory_file
-        if path is None:
-            return
-        data = msgspec.json.encode(self.coordinator.memory)
-        if data == self._saved:
-            return
-        try:
-            paths.replace_file(path, data)
-        except OSError as error:
-            self.log.warning("cannot write the memory file: %s", error)
-            return
-        self._saved = data
+    def _save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        paths.replace_file(path, msgspec.json.encode(self.coordinator.memory))
 
-    def _recall(self) -> CoordinatorMemory:
-        path = self._memory_file
-        if path is None or not path.exists():
-            return CoordinatorMemory()
-        try:
-            return msgspec.json.decode(read_bytes(path), type=CoordinatorMemory)
-        except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ParameterError(
-                f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"
-            ) from error
+
+def _recall(path: Path | None) -> CoordinatorMemory:
+    if path is None or not path.exists():
+        return CoordinatorMemory()
+    try:
+        return msgspec.json.decode(read_bytes(path), type=CoordinatorMemory)
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ParameterError(
+            f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"
+        ) from error

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from socialbot.agents.hospital.demo import hospital, large_hospital
+from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.ward.messages import MESSAGES, RESULTS
 from socialbot.agents.teams.messages import AclMessage, InitialTrigger, Plan, Problem
+from socialbot.agents.teams.missions import CoordinatorMemory
 from socialbot.core.errors import ParameterError
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, SPOT, UVD
 from tests.agents.hospital.watched import Watched
@@ -78,6 +82,18 @@ def test_restarted_coordinator_completes_the_mission(tmp_path: Path, second: flo
     run.until(second + 9.0)
     assert run.infected() == []
     assert [view.status for view in run.views.values()] == ["finished"]
+
+
+def test_memory_of_the_coordinator_is_saved_again_if_its_folder_is_removed(tmp_path: Path):
+    folder = tmp_path / "minds"
+    run = paper(0, memory_file=str(folder / "memory.json")).until(2.0)
+    shutil.rmtree(folder)
+    run.until(4.0)
+    saved = msgspec.json.decode((folder / "memory.json").read_bytes(), type=CoordinatorMemory)
+    node = run.runner.nodes["coordinator"]
+    assert isinstance(node, HospitalCoordinator)
+    kept = node.coordinator.memory
+    assert (set(saved.members), set(saved.missions), saved.last) == (set(kept.members), set(kept.missions), 1)
 
 
 @pytest.mark.parametrize("second", [1.5, 2.35, 3.0, 4.0])
