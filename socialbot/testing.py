@@ -16,11 +16,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from socialbot.core.clock import SECOND, ManualClock, nanoseconds
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
-from socialbot.core.messages import Message, Structured
+from socialbot.core.messages import Message, Structured, check_fields
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -187,10 +185,7 @@ class GraphTester:
 
     def _note(self, topic: str, message: Message) -> None:
         if isinstance(message, Structured):
-            try:
-                msgspec.convert(msgspec.to_builtins(message), type(message))
-            except (TypeError, msgspec.ValidationError) as error:
-                raise MessageError(f"no valid {type(message).__name__}: {error}", where=topic) from error
+            check_fields(message, where=topic)
         self._seen.append((topic, self.clock.now(), message))
 
 

@@ -241,6 +241,14 @@ class Structured(
     """Message without a ROS type: JSON in std_msgs/String."""
 
 
+def check_fields(message: Structured, *, where: str) -> None:
+    """Check the types of all fields. Raises MessageError."""
+    try:
+        msgspec.convert(msgspec.to_builtins(message), type(message))
+    except (TypeError, msgspec.ValidationError) as error:
+        raise MessageError(f"no valid {type(message).__name__}: {error}", where=where) from error
+
+
 class PictureAck(Structured, frozen=True, kw_only=True):
     """Acknowledgement of an image by its ``stamp``, which ``arrived`` at a time of the receiver's clock (ns).
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 from socialbot.core.errors import GraphError, MessageError, ParameterError
-from socialbot.core.messages import Message, RosMessage, is_ros_message, ros_message
+from socialbot.core.messages import Message, RosMessage, Structured, check_fields, is_ros_message, ros_message
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Node
@@ -169,14 +169,19 @@ class Output(Generic[M]):
 class Publisher(Generic[M]):
     """Publisher of one output of a node."""
 
-    __slots__ = ("_node", "_port")
+    __slots__ = ("_is_checked", "_node", "_port")
 
     def __init__(self, node: Node, port: Output[M]) -> None:
         self._node = node
         self._port = port
+        self._is_checked = False
 
     def publish(self, message: M | Any) -> None:
-        """Publish a message. A message of rclpy or rosbags gets the time of the node if its header has no stamp."""
+        """Publish a message. A message of rclpy or rosbags gets the time of the node if its header has no stamp.
+
+        Raises MessageError for a message of another class. The types of the fields are checked in the first message
+        only: over ROS receivers check each one, and in one process nobody does.
+        """
         kind = self._port.message_type
         if not isinstance(message, kind):
             if not (issubclass(kind, RosMessage) and is_ros_message(message) and ros_message(type(message)) is kind):
@@ -184,6 +189,10 @@ class Publisher(Generic[M]):
                 article = "an" if name[0] in "AEIOU" else "a"
                 raise MessageError(f"not {article} {name}: {type(message).__name__}", where=self._port.topic)
             message = kind.of(message, self._node.clock.now())
+        if not self._is_checked:
+            if isinstance(message, Structured):
+                check_fields(message, where=self._port.topic)
+            self._is_checked = True
         self._node.context.publish(self._port, message)
 
 
@@ -224,6 +233,11 @@ class Parameter(Generic[V]):
     def __get__(self, node: Node, owner: type) -> V: ...
     def __get__(self, node: Node | None, owner: type) -> Parameter[V] | V:
         return self if node is None else node.parameter_values[self.name]  # type: ignore[return-value]
+
+    def __set__(self, node: Node, value: V) -> None:
+        """Refuse an assignment, which would hide the parameter. Raises ParameterError."""
+        remedy = f"write self.set_parameter({self.name!r}, {value!r}), or give the attribute another name"
+        raise ParameterError("is a parameter and cannot be assigned", where=f"{node.name}.{self.name}", remedy=remedy)
 
     def _check_default(self) -> None:
         default, where = self.default, f"parameter ({self.doc})"

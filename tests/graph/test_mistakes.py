@@ -11,7 +11,7 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Action, Belief, Engine
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError, RuleError
-from socialbot.core.messages import Health, Utterance
+from socialbot.core.messages import Health, Structured, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
@@ -321,3 +321,43 @@ def test_two_messages_of_one_name_are_told_apart_by_their_modules():
         GraphError, match=r"/out is socialbot\.core\.messages\.Utterance for a but elsewhere\.Utterance for b"
     ):
         Graph("g", (NodeConfig("a", first), NodeConfig("b", second)))
+
+
+class Counts(Structured, frozen=True, kw_only=True):
+    """Some number."""
+
+    number: int
+
+
+class Careless(Node):
+    """Publishes a text as a number."""
+
+    heard = Input(Utterance, "/in")
+    out = Output(Counts, "/out")
+    rate = Parameter(1.0, "Hz", maximum=5.0)
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        if message.text == "rate":
+            self.rate = 7.0
+        self.out.publish(Counts(stamp=0, number=message.text))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("one", "no valid Counts: Expected `int`, got `str` - at `$.number`"),
+        ("rate", "n.rate: is a parameter and cannot be assigned"),
+    ],
+)
+def test_a_field_of_another_type_and_an_assigned_parameter_are_reported_with_their_line(
+    text: str, words: str, caplog: pytest.LogCaptureFixture
+):
+    runner = InlineRunner(graph_of(Careless))
+    runner.start()
+    runner.feed("/in", Utterance(stamp=0, id="1", text=text))
+    assert runner.faults["n"].failures == 1
+    assert words in caplog.text
+    assert re.search(r"test_mistakes\.py:\d+\)", caplog.text)
+    assert isinstance(runner.nodes["n"], Careless)
+    assert runner.nodes["n"].rate == 1.0
