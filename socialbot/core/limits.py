@@ -44,6 +44,9 @@ YAML_DEPTH = 50
 YAML_GROWTH = 100_000
 """Maximum number of values and characters that aliases add to a text, as nine aliases of nine aliases of nine do."""
 
+YAML_NUMBER = 250
+"""Most characters of a number in YAML, so that each whole number fits into a float, in any notation."""
+
 PDDL_DEPTH = 100
 """Maximum number of parentheses in each other."""
 

@@ -33,10 +33,11 @@ from ruamel.yaml.scanner import RoundTripScanner, Scanner, ScannerError
 
 from socialbot.core.errors import GraphError, SocialbotError, suggestion
 from socialbot.core.foreign_files import ForeignFile, foreign_page, foreign_text
-from socialbot.core.limits import YAML_DEPTH, YAML_GROWTH
+from socialbot.core.limits import YAML_DEPTH, YAML_GROWTH, YAML_NUMBER
 
 _BRACKET = re.compile(r"[][{}]")
 _T = TypeVar("_T")
+_NUMBER_TAGS = {"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"}
 _STRUCTS = (inspect.StructType, inspect.DataclassType)
 _LISTS = (inspect.ListType, inspect.VarTupleType, inspect.TupleType, inspect.FrozenSetType)
 _WORDS: Mapping[type[inspect.Type], str] = {
@@ -84,7 +85,14 @@ class _RoundTripScanner(_Shallow, RoundTripScanner):
 
 
 class _Composer(Composer):
-    """Limit for aliases, before values are made of them."""
+    """Limits for aliases and numbers, before values are made of them."""
+
+    def compose_scalar_node(self, anchor: Any) -> Any:
+        node = super().compose_scalar_node(anchor)
+        if node.tag in _NUMBER_TAGS and len(node.value) > YAML_NUMBER:
+            problem = f"a number of more than {YAML_NUMBER} characters"
+            raise ComposerError(problem=problem, problem_mark=node.start_mark)
+        return node
 
     def compose_document(self) -> Any:
         node = super().compose_document()
