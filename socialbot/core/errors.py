@@ -128,10 +128,10 @@ class DeviceError(SocialbotError):
     exit_code = 7
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
+def suggestion(word: object, known: Iterable[str]) -> str:
     """Return a remedy for the unknown ``word``: the closest of the ``known`` names, and all of them."""
     names = sorted(known)
-    close = difflib.get_close_matches(word, names, n=1)
+    close = difflib.get_close_matches(str(word), names, n=1)  # a key of YAML may be a number
     listed = f"known: {', '.join(names) or 'none'}"
     return f"did you mean {close[0]!r}? {listed}" if close else listed
 

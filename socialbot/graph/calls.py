@@ -105,7 +105,7 @@ def fill_message(message: Any, fields: Fields, what: str) -> None:
             if known is not None and isinstance(getattr(message, name), float):
                 part = float(part)  # rclpy reads the bytes of an int as those of a float
             setattr(message, name, part)
-        except (AssertionError, TypeError, ValueError) as error:
+        except (AssertionError, OverflowError, TypeError, ValueError) as error:
             raise MessageError(f"{name!r} does not fit: {error}", where=what) from error
 
 

@@ -168,6 +168,8 @@ def test_parses_a_message_of_a_module_in_the_working_directory(tmp_path: Path, m
         ("std_msgs/msg/Float32", "{date: 1}", "did you mean 'data'?"),
         ("std_msgs/msg/Float32", "{data: much}", "does not fit"),
         ("std_msgs/msg/Int32", "{data: 0.5}", "does not fit"),
+        ("std_msgs/msg/Float32", "{data: 0x" + "f" * 600 + "}", "not valid YAML: a number of more than 250 characters"),
+        ("std_msgs/msg/Float32", "{1: 2}", "no field 1"),
         ("Float32", "{data: 1}", "or a ROS type, such as std_msgs/msg/Float32"),
         ("DesireItm", "{}", "did you mean 'DesireItem'?"),
         ("Belief", "{believe: {name: a}}", "did you mean 'belief'?"),
