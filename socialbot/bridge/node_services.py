@@ -17,6 +17,7 @@ from socialbot.bridge.environment import has_keys, ros_domain
 from socialbot.bridge.topics import observer_node
 from socialbot.core.errors import GraphError, NodeError, ParameterError, suggestion
 from socialbot.core.yaml import load_yaml
+from socialbot.graph.ports import TOPIC_NAME
 
 SETTLE_S = 1.0  # time without a new node, after which the list of nodes is complete
 
@@ -77,8 +78,12 @@ class NodeClient:
 
 
 def full_name(node: str) -> str:
-    """The full name of a node, which may be given without its slash."""
-    return node if node.startswith("/") else f"/{node}"
+    """The full name of a node, which may be given without its slash. Raises GraphError for an invalid name."""
+    full = node if node.startswith("/") else f"/{node}"
+    if not TOPIC_NAME.fullmatch(full):
+        remedy = "socialbot param list and socialbot lifecycle list show the nodes"
+        raise GraphError(f"no valid name of a node: {node!r}", remedy=remedy)
+    return full
 
 
 @contextmanager

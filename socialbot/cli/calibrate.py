@@ -63,7 +63,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
     """Read images of a ROS topic for ``seconds``, with the camera_info, depth and transforms of the running graph.
 
     Raises:
-        GraphError: Nobody publishes ``topic``.
+        GraphError: No topic can have this name, or nobody publishes it.
         ParameterError: It has no images.
     """
     from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind, is_rectified
@@ -80,10 +80,12 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         Message,
         Transforms,
     )
+    from socialbot.graph.node import check_topic
     from socialbot.vision.camera import without_lens
     from socialbot.vision.depth_sensors import DepthSensors
     from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 
+    check_topic(topic, "SOURCE is no file")
     with observer_node("_calibrate") as ros:
         kind = decodable_types().get(await_publisher(ros, topic, timeout_s=_WAIT_S) or "")
         if kind not in (Image, CompressedImage) or image_kind(topic, None) == ImageKind.DEPTH:

@@ -175,4 +175,9 @@ def _amount(count: float) -> str:
 
 
 def _absolute(name: str) -> str:
-    return f"/{name.lstrip('/')}"
+    """Return the full name of a topic. Raises GraphError for a name that no topic can have."""
+    from socialbot.graph.node import check_topic
+
+    full = f"/{name.lstrip('/')}"
+    check_topic(full, "TOPIC")
+    return full

@@ -319,7 +319,8 @@ def check_parameters(node_type: type[Node], given: Mapping[str, object], *, wher
 def check_topic(topic: str, where: str) -> None:
     """Check the full name of a topic, service or action. Raises GraphError."""
     if not TOPIC_NAME.fullmatch(topic):
-        raise GraphError(f"no valid topic: {topic!r}", where=where, remedy="use names of letters, digits and _")
+        remedy = "use names of letters, digits and _, at most 228 characters in all"
+        raise GraphError(f"no valid topic: {topic!r}", where=where, remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -343,7 +344,8 @@ class NodeConfig:
         """Check ports and parameters. Raises GraphError or ParameterError."""
         place = self.place(graph)
         if not NODE_NAME.fullmatch(self.name):
-            raise GraphError("no valid name for a node", where=place, remedy="use letters, digits and _")
+            remedy = "use letters, digits and _, at most 200 of them"
+            raise GraphError("no valid name for a node", where=place, remedy=remedy)
         kind = self.type
         ports = {**kind.inputs(), **kind.outputs(), **kind.servers(), **kind.clients()}
         for port in self.remap:

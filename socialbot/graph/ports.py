@@ -18,10 +18,11 @@ M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
 
-NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,199}")
+"""Name of a node; those of its topics and services are longer, and its log is a file of that name."""
 
-TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-"""Full name of a topic, service or action."""
+TOPIC_NAME = re.compile(r"(?!.{229})(/[A-Za-z_][A-Za-z0-9_]*)+")
+"""Full name of a topic, service or action. Those of its seals and services have up to 247 characters, as in DDS."""
 
 
 FRESH_S = 0.5

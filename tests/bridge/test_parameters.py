@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.bridge.node_services import parameter_client, parse_value
+from socialbot.bridge.node_services import lifecycle_client, parameter_client, parse_value
 from socialbot.cli.param import param
 from socialbot.core.errors import GraphError, NodeError, ParameterError
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -66,6 +66,14 @@ def test_parameters_of_a_foreign_node_are_set():
         client.set("servers", "mode", "false")
         assert client.get("servers", "gains").value == [1.0, 3.5, 2.0]
         assert client.get("servers", "mode").value is False
+
+
+@pytest.mark.parametrize("name", ["a b", "", "/", "a//b", "~", "{x}", "1a", "a\n", "a" * 300])
+def test_names_that_no_node_can_have_are_refused(name):
+    with parameter_client(timeout_s=1.0) as client, pytest.raises(GraphError, match="no valid name of a node: "):
+        client.describe(name)
+    with lifecycle_client(timeout_s=1.0) as client, pytest.raises(GraphError, match="no valid name of a node: "):
+        client.state(name)
 
 
 def test_missing_node_and_missing_services_are_named(monkeypatch):

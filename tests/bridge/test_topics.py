@@ -298,6 +298,12 @@ class TestCommands:
         assert 2 < float(rate) < 25
         assert "MB/s" in last
 
+    @pytest.mark.parametrize("name", ["a b", "", "/", "a//b", "~", "{x}", "1a", "a\n", "\u00e9", "a" * 228])
+    @pytest.mark.parametrize("command", [["echo"], ["hz"], ["pub", "std_msgs/msg/String", "{data: a}"]])
+    def test_refuses_names_that_no_topic_can_have(self, command, name):
+        with pytest.raises(GraphError, match="TOPIC: no valid topic: "):
+            run(command[0], name, *command[1:])
+
     def test_suggests_the_name_of_a_misspelt_topic(self):
         with pytest.raises(GraphError, match="no publisher of /speech/sy") as caught:
             run("echo", "/speech/sy", "--timeout", "1")

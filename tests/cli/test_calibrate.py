@@ -15,7 +15,7 @@ from socialbot.bridge.topics import observer_node
 from socialbot.bridge.transport import message_class, open_transport
 from socialbot.cli import calibrate as calibrate_command
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import CompressedDepth, Image
 from socialbot.graph.ports import Delivery
 from socialbot.vision import camera_node
@@ -139,6 +139,11 @@ def test_live_topic_is_watched_with_its_camera_info_and_depth() -> None:
 
 
 @pytest.mark.ros
+def test_source_that_is_neither_a_file_nor_a_topic_is_refused() -> None:
+    with pytest.raises(GraphError, match="SOURCE is no file: no valid topic: '/data/my bag'"):
+        next(calibrate_command._topic_views("/data/my bag", 1.0))
+
+
 def test_topic_without_pictures_is_refused() -> None:
     with observer_node("_robot") as ros:
         ros.create_publisher(message_class("std_msgs/msg/String"), "/words", 1)

@@ -159,6 +159,8 @@ def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
         ("      volume: 0.4", "      volume: 4.5", 10, ["4.5 is out of range", "echo.volume"]),
         ("      volume: 0.4", "      volume: loud", 10, ["'loud' is not of type float"]),
         ("      volume: 0.4", "      volumes: 0.4", 10, ["no parameter 'volumes'", "did you mean 'volume'?"]),
+        ("      status: /echo/status", f"      status: /{'a' * 228}", 13, ["no valid topic", "at most 228 characters"]),
+        ("  echo:", f"  {'a' * 201}:", 7, ["no valid name for a node", "at most 200"]),
         ("      status: /echo/status", "      stats: /echo/status", 13, ["no input or output 'stats'"]),
         ("      status: /echo/status", "      status: [1]", 13, ["'status' must be a text"]),
         ("      status: /echo/status", "      heard: /sad", 13, ["nobody publishes /sad", "did you mean '/said'?"]),
