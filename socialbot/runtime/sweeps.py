@@ -60,15 +60,17 @@ class Variation:
     span: Span | None = None
 
     def listed(self) -> tuple[str, ...]:
-        """All values. Raises ParameterError for a range without a step."""
+        """All values. Raises ParameterError for a range without a step, or with more than `MAX_CELLS` steps."""
         if self.span is None:
             return self.values
         if not self.span.step:
             raise ParameterError(
                 "a grid needs the step of a range", where=f"--set {self.name}", remedy="write LOW:HIGH:STEP"
             )
-        count = math.floor((self.span.high - self.span.low) / self.span.step + 1e-9) + 1
-        return tuple(number_text(self.span.low + index * self.span.step) for index in range(count))
+        steps = (self.span.high - self.span.low) / self.span.step + 1e-9
+        if not steps < MAX_CELLS:
+            raise _too_many(f"--set {self.name}", "use larger steps")
+        return tuple(number_text(self.span.low + index * self.span.step) for index in range(math.floor(steps) + 1))
 
     def at(self, share: float) -> str:
         """The value at a ``share`` of the range, from 0 to 1."""
@@ -76,6 +78,10 @@ class Variation:
             values = self.listed()
             return values[min(int(share * len(values)), len(values) - 1)]
         return number_text(self.span.low + share * (self.span.high - self.span.low))
+
+
+def _too_many(where: str, remedy: str) -> ParameterError:
+    return ParameterError(f"more than {MAX_CELLS} settings", where=where, remedy=remedy)
 
 
 def parse_variation(text: str) -> Variation:
@@ -136,9 +142,7 @@ class SweepPlan:
         if self.method == "grid":
             axes = [variation.listed() for variation in self.variations]
             if math.prod(map(len, axes)) > MAX_CELLS:
-                raise ParameterError(
-                    f"more than {MAX_CELLS} settings", where="--set", remedy="use larger steps, or --method sobol"
-                )
+                raise _too_many("--set", "use larger steps, or --method sobol")
             return list(itertools.product(*axes))
         shares = _shares(self.method, len(self.variations), self.samples, self.seed)
         rows = [tuple(one.at(share) for one, share in zip(self.variations, row, strict=True)) for row in shares]

@@ -84,6 +84,12 @@ def test_lists_ranges_and_values_are_read():
     assert number_text(0.1 + 0.2) == "0.3"
 
 
+@pytest.mark.parametrize("text", ["waldo.range_m=1:1e9:1e-7", "waldo.range_m=-1e308:1e308:1", "a.b=0:1:1e-320"])
+def test_ranges_of_too_many_steps_are_refused_at_once(text):
+    with pytest.raises(ParameterError, match="more than 100000 settings"):
+        parse_variation(text).listed()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
