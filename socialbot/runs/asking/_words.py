@@ -248,12 +248,15 @@ _POINTS = {"point", "komma", "virgule", "coma", "punto"}
 
 
 def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
-    """Return the number that begins at a place, in digits or words, and how many words it takes; None without one."""
+    """Return the number that begins at a place, in digits or words, and how many words it takes; None without one.
+
+    More than twelve digits are no number that anybody asks for.
+    """
     word = words[place]
-    if re.fullmatch(r"\d+:\d\d(\.\d+)?", word):
+    if re.fullmatch(r"\d{1,12}:\d\d(\.\d+)?", word):
         minutes, _, seconds = word.partition(":")
         return int(minutes) * 60 + float(seconds), 1
-    if re.fullmatch(r"-?\d+(\.\d+)?", word):
+    if re.fullmatch(r"-?\d{1,12}(\.\d+)?", word):
         rest = "".join(words[place + 1 : place + 2])
         if re.fullmatch(r"[1-9]00", word) and re.fullmatch(r"[1-9]\d?", rest):
             return float(word) + float(rest), 2  # "100 1", as a recogniser writes 101
@@ -299,7 +302,7 @@ def ordinal_at(words: Sequence[str], place: int, units: Container[str]) -> tuple
 
 def ordinal_in_digits(word: str) -> int | None:
     """Return the number of an ordinal in digits, as `tokens` writes it: ``2th``; None for other words."""
-    return int(word[:-2]) or None if re.fullmatch(r"\d+th", word) else None
+    return int(word[:-2]) or None if re.fullmatch(r"\d{1,12}th", word) else None
 
 
 _FRACTIONS = {
@@ -322,7 +325,7 @@ def fraction_at(words: Sequence[str], place: int, units: Container[str]) -> tupl
 def _with_point(number: float, words: Sequence[str], place: int, used: int) -> tuple[float, int]:
     if number.is_integer() and place + 1 < len(words) and words[place] in _POINTS:
         digit = words[place + 1]
-        value = int(digit) if digit.isdigit() else _UNITS.get(digit)
+        value = int(digit) if re.fullmatch(r"\d", digit) else _UNITS.get(digit)
         if value is not None and value < 10:
             return number + value / 10, used + 2
     return number, used

@@ -192,6 +192,23 @@ class TestPeople:
     def test_numbers_in_digits(self, waldo, question, text):
         assert answer(waldo, question).text == text
 
+    @pytest.mark.parametrize("number", ["9" * 13, "9" * 400, "9" * 5000])
+    @pytest.mark.parametrize(
+        "question",
+        [
+            "What happened at {} s?",
+            "What happened at {}:59?",
+            "What happened at {}.5 s?",
+            "What happened at the {}th second?",
+            "What happened {} minutes ago?",
+            "What did you see at -{} s?",
+            "Who was the {}th visitor?",
+            "What did you do after 5 point ² s? {}",
+        ],
+    )
+    def test_huge_numbers_are_no_numbers(self, waldo, question, number):
+        assert isinstance(answer(waldo, question.format(number)), Answer)
+
     @pytest.mark.parametrize(
         "question",
         [
