@@ -41,6 +41,7 @@ from socialbot.core.messages import (
     Structured,
     Transforms,
 )
+from socialbot.core.reading import exists
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
 
@@ -93,7 +94,7 @@ def open_bag(path: str | Path) -> Bag:
         BagError: There is no bag, it has no readable messages, or its files are broken.
     """
     path = Path(path)
-    if not path.exists():
+    if not exists(path):
         raise BagError("no such file or folder", where=str(path), remedy="check the path of the bag")
     damage: list[str] = []
     readers = open_folder(path, damage) if path.is_dir() else [open_file(path, damage)]

@@ -8,14 +8,16 @@ are imported when their command is used. Errors of the user print one message an
 
 from __future__ import annotations
 
+import errno
 import importlib
 import logging
+import os
 import pkgutil
 import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, NoReturn, cast
 
 import typer
 from rich.markup import escape
@@ -23,7 +25,7 @@ from typer.core import TyperGroup
 
 from socialbot import __version__
 from socialbot.cli._console import Console, print_line
-from socialbot.core.errors import InstallationError, SocialbotError, suggestion
+from socialbot.core.errors import GraphError, InstallationError, SocialbotError, suggestion
 from socialbot.core.process import allow_deep_recursion
 from socialbot.core.terminal import TerminalFormatter
 
@@ -131,8 +133,20 @@ def main() -> None:
     try:
         command()(arguments, obj=ros_args)
     except SocialbotError as error:
-        Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
-        sys.exit(error.exit_code)
+        _end_with(error)
+    except OSError as error:
+        if error.errno not in _UNUSABLE or error.filename is None:
+            raise
+        _end_with(GraphError(f"cannot be used: {error.strerror}", where=os.fsdecode(error.filename)))
+
+
+_UNUSABLE = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG, errno.EPERM)
+"""Errors of paths that nobody can use, for which `Path.exists` and others raise OSError."""
+
+
+def _end_with(error: SocialbotError) -> NoReturn:
+    Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
+    sys.exit(error.exit_code)
 
 
 def with_new_names(arguments: list[str]) -> list[str]:

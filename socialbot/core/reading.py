@@ -6,6 +6,7 @@ import errno
 import os
 import stat
 from os import PathLike
+from pathlib import Path
 from typing import BinaryIO
 
 from socialbot.core.limits import DATA_BYTES
@@ -15,7 +16,10 @@ _BLOCK = 1 << 20
 
 def open_file(file: str | PathLike[str]) -> BinaryIO:
     """Open a file for reading. Raises OSError if it cannot be read, or is a device or a pipe: these may never end."""
-    opened = open(file, "rb", opener=_open_at_once)  # noqa: SIM115 - the caller closes it
+    try:
+        opened = open(file, "rb", opener=_open_at_once)  # noqa: SIM115 - the caller closes it
+    except ValueError as error:  # a null character in the name
+        raise OSError(errno.EINVAL, "is no name of a file", os.fspath(file)) from error
     if stat.S_ISREG(os.fstat(opened.fileno()).st_mode):
         return opened
     opened.close()
@@ -24,6 +28,24 @@ def open_file(file: str | PathLike[str]) -> BinaryIO:
 
 def _open_at_once(file: str, flags: int) -> int:
     return os.open(file, flags | os.O_NONBLOCK)  # otherwise a pipe is opened when somebody writes to it
+
+
+def exists(path: Path) -> bool:
+    """Check whether there is a file or folder. A path that is too long, or must not be looked at, has none.
+
+    `Path.exists`, `Path.is_file` and `Path.is_dir` raise OSError for such paths, which files may name.
+    """
+    return os.path.exists(path)
+
+
+def is_file(path: Path) -> bool:
+    """Check whether there is a file, as `exists` does."""
+    return os.path.isfile(path)
+
+
+def is_folder(path: Path) -> bool:
+    """Check whether there is a folder, as `exists` does."""
+    return os.path.isdir(path)
 
 
 def read_bytes(file: str | PathLike[str], most: int = DATA_BYTES) -> bytes:

@@ -32,6 +32,7 @@ from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.reading import is_folder
 from socialbot.core.references import load_reference, look_in
 from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
@@ -78,7 +79,7 @@ def load_graph(name: str | Path, *, robot: str | Path = "") -> Graph:
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name, robot=robot)
     path = Path(name)
-    if path.is_dir():
+    if is_folder(path):
         remedy = "name a graph file in it; or install its package, whose entry point socialbot.agents names its graphs"
         raise GraphError("is a folder, and no registered graph", where=name, remedy=remedy)
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))

@@ -15,6 +15,7 @@ import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, TraceRecord
+from socialbot.core.reading import is_file
 from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
@@ -110,7 +111,7 @@ def visit_table(found: Sequence[Visit]) -> Table:
 def _truth(run: RecordedRun) -> GroundTruth | None:
     path = run.results.get("bag", {}).get("path")
     found = truth_beside(Path(path)) if path else None
-    return load_truth(found) if found is not None and found.is_file() else None
+    return load_truth(found) if found is not None and is_file(found) else None
 
 
 def _true(truth: GroundTruth) -> list[LabelledFrame]:

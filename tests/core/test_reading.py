@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from socialbot.bdi.agentspeak.projects import read_project
 from socialbot.bdi.trace import read_trace
 from socialbot.core.errors import SocialbotError
 from socialbot.core.limits import TEXT_BYTES
-from socialbot.core.reading import check_size, open_file, read_bytes
+from socialbot.core.reading import check_size, exists, is_file, is_folder, open_file, read_bytes
 from socialbot.graph.files import load_graph
 from socialbot.robots.profile import load_profile
 from socialbot.runtime.deployment import is_deployment, load_deployment
@@ -117,6 +118,17 @@ def test_larger_files_and_files_without_a_stated_size_are_refused(tmp_path: Path
         check_size(file, 100)
     with pytest.raises(OSError, match="larger than"):
         read_bytes(Path("/proc/self/maps"), 100)
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "x" * 256, "a\0b", "loop"])
+def test_names_that_no_file_can_have_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    path = tmp_path / name
+    with pytest.raises(OSError, match=re.escape(repr(name)[1:-1])):
+        read_bytes(path)
+    assert not exists(path)
+    assert not is_file(path)
+    assert not is_folder(path)
 
 
 def test_folders_and_missing_files_are_refused_as_usual(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.stdlib._agents import free_name
 from socialbot.bdi.terms import Atom
 from socialbot.core.errors import RuleError
+from socialbot.core.reading import is_file
 
 DEFAULT_FOLDERS = (".", "src/asl", "src/agt", "asl")
 """Folders of programs, relative to the project, that are searched after those of the project."""
@@ -250,7 +251,7 @@ class _ProjectParser:
     def found(self, at: int, entry: dict[str, Any], taken: set[str]) -> ProjectAgent:
         """Find the program of an agent, and names for it that are not ``taken`` yet."""
         places = [folder / entry["file"] for folder in self.folders]
-        file = next((place for place in places if place.is_file()), None)
+        file = next((place for place in places if is_file(place)), None)
         if file is None:
             tried = ", ".join(map(str, dict.fromkeys(places)))
             raise self.error(f"the program {entry['file']} of {entry['name']} does not exist", f"tried: {tried}", at)
