@@ -29,7 +29,7 @@ from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
 from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
 from socialbot.bdi.compiler._dynamic import specialised
 from socialbot.bdi.compiler._plans import ANY_MODE, compile_inference, compile_plan
-from socialbot.bdi.compiler._runtime import div, mod
+from socialbot.bdi.compiler._runtime import div, mod, power
 from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
@@ -126,7 +126,7 @@ _OPERATORS = {
     "/": operator.truediv,
     "//": operator.floordiv,
     "%": operator.mod,
-    "**": operator.pow,
+    "**": power,
     "div": div,
     "mod": mod,
 }

@@ -93,13 +93,15 @@ def arithmetic(f: Function, term: Expression) -> str:
     left, right = value(f, term.left), value(f, term.right)
     if term.symbol in ("div", "mod"):
         return f"{term.symbol}({left}, {right})"
-    result = f"({left} {term.symbol} {right})"
+    result = f"power({left}, {right})" if term.symbol == "**" else f"({left} {term.symbol} {right})"
     if not f.unit.lenient or not _may_join(term):
         return result
+    if term.symbol == "*":
+        return f"product({left}, {right}, {str(term)!r})"
     item = f.unit.name("t")
     return (
         f"({item} if ({item} := {result}).__class__ is int or {item}.__class__ is float "
-        f"else number({item}, {term.symbol!r}, {str(term)!r}))"
+        f"else joined({item}, {str(term)!r}))"
     )
 
 

@@ -95,6 +95,8 @@ MISTAKES = {
     "b(math.foo(1)).": (None, "there is no function math.foo"),
     "b(math.sqrt(-1)).": (None, "cannot be computed"),
     "b(1 / 0).": (None, "cannot be computed"),
+    "b(9 ** 9 ** 9 ** 9).": (None, "cannot be computed: a power of more than 1048576 bits"),
+    "b((0 - 2) ** 0.5).": (None, "cannot be computed: -2 ** 0.5 is no real number"),
 }
 
 
