@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 from socialbot.bdi import Plan
 from socialbot.bdi.agentspeak import parse
 from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.plans import nodes_of
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, If, Step
-from socialbot.bdi.terms import Atom, Comparison, Conjunction, Disjunction, Expression, Negation, Truth, Variable
+from socialbot.bdi.terms import (
+    Atom,
+    Comparison,
+    Conjunction,
+    Disjunction,
+    Expression,
+    Negation,
+    Pattern,
+    Truth,
+    Variable,
+    show,
+)
 from socialbot.core.errors import RuleError, SocialbotError
 
 
@@ -39,13 +52,18 @@ class Whitelist:
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """Largest text (characters), plans, steps of a plan, nesting of brackets and of steps."""
+    """Largest text (characters), plans, steps of a plan, nesting of brackets and of steps, digits of a number.
+
+    ``all_steps`` counts the steps of a goal with those of the plans that it leads to.
+    """
 
     characters: int = 4000
     plans: int = 5
     steps: int = 20
     brackets: int = 12
     depth: int = 3
+    digits: int = 15
+    all_steps: int = 100
 
 
 class PlanRefused(RuleError):  # noqa: N818 - a result of a check
@@ -76,6 +94,8 @@ def checked_plans(text: str, whitelist: Whitelist, limits: PlanLimits | None = N
         raise PlanRefused(f"brackets are nested more than {limits.brackets} deep")
     if any(not (letter.isprintable() or letter in "\n\t\r") for letter in text):
         raise PlanRefused("the text contains control characters")
+    if re.search(rf"\d{{{limits.digits + 1}}}", text):
+        raise PlanRefused(f"a number has more than {limits.digits} digits")
     try:
         program = parse(text, "proposal")
     except SocialbotError as error:
@@ -89,6 +109,7 @@ def checked_plans(text: str, whitelist: Whitelist, limits: PlanLimits | None = N
     for plan in program.plans:
         _check(plan, whitelist, limits)
     _check_ends(program.plans)
+    _check_all_steps(program.plans, limits)
     return program.plans
 
 
@@ -135,6 +156,8 @@ def _check_step(step: Step, whitelist: Whitelist) -> None:
         case Achieve(goal=Literal() as goal, apart=False, limit_s=None):
             _named(goal, whitelist.goals, "goal")
             _plain(goal)
+            for value in goal.args:
+                _bounded(value)
         case Ask(query=query, marks=()):
             _conditions(query, whitelist)
         case Constrain(condition=condition) | If(condition=condition):
@@ -156,8 +179,35 @@ def _named(literal: Literal, known: Mapping[str, int], kind: str) -> None:
 def _plain(literal: Literal) -> None:
     """Check that the arguments are values, variables and arithmetic, and no calls or literals."""
     for part in nodes_of(literal.args)[1:]:
-        if not isinstance(part, (*_TERMS, tuple)):
+        if not isinstance(part, (*_TERMS, tuple)) or _is_power(part):
             raise PlanRefused(f"the argument {str(part)[:40]!r} of {literal.functor} is not allowed")
+
+
+def _is_power(part: object) -> bool:
+    return isinstance(part, Expression) and part.symbol == "**"
+
+
+def _bounded(value: object) -> None:
+    """Check that a value that a variable may get is not longer than the values that it is made of.
+
+    Otherwise twenty steps such as ``Y = X * X`` fill the memory.
+    """
+    match value:
+        case Expression(symbol="+" | "*", left=left, right=right):
+            grows = not isinstance(left, (int, float)) and not isinstance(right, (int, float))
+        case Expression():
+            grows = _is_power(value)
+        case tuple():
+            grows = any(isinstance(each, (tuple, Pattern)) and not isinstance(each, Atom) for each in value)
+        case Pattern():
+            grows = not isinstance(value, (Variable, Atom))
+        case _:
+            grows = False
+    if grows:
+        raise PlanRefused(f"{show(value)[:40]!r} may become too long: add or multiply by a number")
+    if isinstance(value, Expression):
+        _bounded(value.left)
+        _bounded(value.right)
 
 
 def _conditions(condition: object, whitelist: Whitelist) -> None:
@@ -169,7 +219,10 @@ def _conditions(condition: object, whitelist: Whitelist) -> None:
                 raise PlanRefused(f"the argument {str(part)[:40]!r} of a condition is not allowed")
             _named(part, whitelist.beliefs, "belief")
             inside.update(id(each) for each in nodes_of(part.args)[1:])
-        elif not isinstance(part, (*_TERMS, tuple)):
+        elif isinstance(part, Comparison):
+            _bounded(part.left)
+            _bounded(part.right)
+        elif not isinstance(part, (*_TERMS, tuple)) or _is_power(part):
             raise PlanRefused(f"the condition {str(part)[:40]!r} is not allowed")
 
 
@@ -192,6 +245,24 @@ def _check_ends(plans: tuple[Plan, ...]) -> None:
                 if each not in reached:
                     reached.add(each)
                     pending.append(each)
+
+
+def _check_all_steps(plans: tuple[Plan, ...], limits: PlanLimits) -> None:
+    """Check how many steps a goal takes with those of the goals that it leads to, which have an end."""
+    bodies: dict[str, list[list[Step]]] = {}
+    for plan in plans:
+        bodies.setdefault(str(plan.event.literal.functor), []).append(list(_steps(plan.body, 100)))  # type: ignore[union-attr]
+
+    @cache
+    def steps_of(goal: str) -> int:
+        return max((sum(1 + below(step) for step in body) for body in bodies.get(goal, ())), default=0)
+
+    def below(step: Step) -> int:
+        return steps_of(step.goal.functor) if isinstance(step, Achieve) and isinstance(step.goal, Literal) else 0
+
+    for goal in bodies:
+        if steps_of(goal) > limits.all_steps:
+            raise PlanRefused(f"the plans for {goal} lead to more than {limits.all_steps} steps")
 
 
 __all__ = ["PlanLimits", "PlanRefused", "Whitelist", "checked_plans"]

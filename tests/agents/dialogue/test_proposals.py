@@ -121,6 +121,17 @@ class TestPlan:
         assert asked("plan", answer).value
 
     @pytest.mark.parametrize(
+        "answer",
+        [
+            "+!tour(X) : age(X, Y) & Y * 2 > 3 + Y <- Z = Y - X; say(Z / 2 + 1); !greet(2 * Y).",
+            '+!tour(X) : age([X, Y], Y) <- say(X + Y); Z = [1, a, "b"]; say([X, Z]).',
+            f"+!tour(X) <- {'!greet(X); ' * 3}wave. +!greet(X) <- {'wave; ' * 19}wave.",
+        ],
+    )
+    def test_plans_may_compute(self, answer):
+        assert checked_plans(answer, ALLOWED)
+
+    @pytest.mark.parametrize(
         ("answer", "reason"),
         [
             ("+!tour(X) <- .send(bob, tell, x).", "the action '.send' is not allowed"),
@@ -147,6 +158,20 @@ class TestPlan:
             (f"+!tour(X) <- say({'(' * 20}1{')' * 20}).", "nested more than 12 deep"),
             (f"+!tour(X) <- {'if (present(X)) { ' * 4}wave{' }' * 4}.", "nested too deep"),
             ("+!tour(X) <- wave." + " " * 4000, "more than 4000 characters"),
+            ("+!tour(X) <- Y = 9 ** 9 ** 9 ** 9; say(Y).", "'9 ** (9 ** (9 ** 9))'"),
+            ("+!tour(X) : 9 ** 9 ** 9 ** 9 > X <- wave.", "'9 ** (9 ** (9 ** 9))'"),
+            ("+!tour(X) <- say(9 ** 9 ** 9 ** 9).", "the argument '9 ** (9 ** (9 ** 9))' of say"),
+            ("+!tour(X) <- ?present(9 ** 9 ** 9 ** 9).", "the condition '9 ** (9 ** (9 ** 9))'"),
+            ("+!tour(X) <- !greet(X * X).", "'X * X' may become too long"),
+            ("+!tour(X) <- Y = X + X; say(Y).", "'X + X' may become too long"),
+            ("+!tour(X) <- Y = 1 - X * X; say(Y).", "may become too long"),
+            ("+!tour(X) <- Y = [X, X]; say(Y).", "may become too long"),
+            ("+!tour(X) <- Y = [X | X]; say(Y).", "may become too long"),
+            ("+!tour(X) <- !greet([X, X]).", "may become too long"),
+            ("+!tour(X) <- Y = age(X, X); say(Y).", "may become too long"),
+            ("+!tour(X) <- Y =.. [age, [X, X], []]; say(Y).", "may become too long"),
+            (f"+!tour(X) <- say({'9' * 16}).", "more than 15 digits"),
+            (f"+!tour(X) <- {'!greet(X); ' * 19}wave. +!greet(X) <- {'wave; ' * 19}wave.", "more than 100 steps"),
         ],
     )
     def test_anything_else_is_refused(self, answer, reason):
