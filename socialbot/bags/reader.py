@@ -11,6 +11,7 @@ import functools
 import heapq
 import itertools
 import logging
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -41,7 +42,6 @@ from socialbot.core.messages import (
     Structured,
     Transforms,
 )
-from socialbot.core.reading import exists
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
 
@@ -94,7 +94,7 @@ def open_bag(path: str | Path) -> Bag:
         BagError: There is no bag, it has no readable messages, or its files are broken.
     """
     path = Path(path)
-    if not exists(path):
+    if not os.path.exists(path):
         raise BagError("no such file or folder", where=str(path), remedy="check the path of the bag")
     damage: list[str] = []
     readers = open_folder(path, damage) if path.is_dir() else [open_file(path, damage)]

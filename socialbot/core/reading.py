@@ -1,4 +1,7 @@
-"""Reading files that may be anything: a device without end, a pipe without a writer, gigabytes."""
+"""Reading files that may be anything: a device without end, a pipe without a writer, gigabytes.
+
+Whether a path exists that a file names is asked by `os.path`: `pathlib.Path` raises OSError for a long name.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import errno
 import os
 import stat
 from os import PathLike
-from pathlib import Path
 from typing import BinaryIO
 
 from socialbot.core.limits import DATA_BYTES
@@ -28,24 +30,6 @@ def open_file(file: str | PathLike[str]) -> BinaryIO:
 
 def _open_at_once(file: str, flags: int) -> int:
     return os.open(file, flags | os.O_NONBLOCK)  # otherwise a pipe is opened when somebody writes to it
-
-
-def exists(path: Path) -> bool:
-    """Check whether there is a file or folder. A path that is too long, or must not be looked at, has none.
-
-    `Path.exists`, `Path.is_file` and `Path.is_dir` raise OSError for such paths, which files may name.
-    """
-    return os.path.exists(path)
-
-
-def is_file(path: Path) -> bool:
-    """Check whether there is a file, as `exists` does."""
-    return os.path.isfile(path)
-
-
-def is_folder(path: Path) -> bool:
-    """Check whether there is a folder, as `exists` does."""
-    return os.path.isdir(path)
 
 
 def read_bytes(file: str | PathLike[str], most: int = DATA_BYTES) -> bytes:

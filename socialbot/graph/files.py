@@ -22,6 +22,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +33,6 @@ from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
-from socialbot.core.reading import is_folder
 from socialbot.core.references import load_reference, look_in
 from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
@@ -79,7 +79,7 @@ def load_graph(name: str | Path, *, robot: str | Path = "") -> Graph:
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name, robot=robot)
     path = Path(name)
-    if is_folder(path):
+    if os.path.isdir(path):
         remedy = "name a graph file in it; or install its package, whose entry point socialbot.agents names its graphs"
         raise GraphError("is a folder, and no registered graph", where=name, remedy=remedy)
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,6 @@ from socialbot.agents.waldo.head import Head
 from socialbot.bags.cameras import is_rectified
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import HeadCommand, PersonDetections, Utterance
-from socialbot.core.reading import is_file
 from socialbot.core.yaml import YamlSection
 from socialbot.graph.files import node_type
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -54,7 +54,7 @@ def bind(graph: Graph, robot: str | YamlSection, *, where: str, folder: Path | N
         return with_robot(graph, read_profile(robot, where=where, name=graph.name, folder=folder or Path()))
     beside = None if folder is None else folder / robot
     try:
-        return with_robot(graph, load_profile(str(beside) if beside is not None and is_file(beside) else robot))
+        return with_robot(graph, load_profile(str(beside) if beside is not None and os.path.isfile(beside) else robot))
     except GraphError as error:
         if error.where == "robot":
             raise GraphError(error.what, where=where, remedy=error.remedy) from error

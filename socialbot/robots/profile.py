@@ -18,6 +18,7 @@ An agent package names its profiles in its declaration: ``AgentPackage(robots={"
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,7 +29,6 @@ import msgspec
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.foreign_files import foreign_text
-from socialbot.core.reading import is_file
 from socialbot.core.yaml import YamlSection, expect_own, read_page
 from socialbot.graph.node import NODE_NAME
 from socialbot.graph.ports import TOPIC_NAME
@@ -197,7 +197,7 @@ def _text_of(name: str, folder: Path = Path()) -> tuple[str, str]:
     known = registry.robot_files()
     path = folder / known.get(name, name)
     if name not in known and path.suffix not in (".yaml", ".yml", ".rviz"):
-        if is_file(path):
+        if os.path.isfile(path):
             expect_own(foreign_text(paths.read_text(path, GraphError)), str(path))
             remedy = "write the robot's topics and joints into a YAML file, such as my_robot.yaml"
             raise GraphError("is no robot profile", where=str(path), remedy=remedy)

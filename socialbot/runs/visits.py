@@ -7,6 +7,7 @@ addressed ``in time`` up to `ADDRESS_S` after that, then ``late`` until `RECENT_
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
@@ -15,7 +16,6 @@ import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, TraceRecord
-from socialbot.core.reading import is_file
 from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
@@ -111,7 +111,7 @@ def visit_table(found: Sequence[Visit]) -> Table:
 def _truth(run: RecordedRun) -> GroundTruth | None:
     path = run.results.get("bag", {}).get("path")
     found = truth_beside(Path(path)) if path else None
-    return load_truth(found) if found is not None and is_file(found) else None
+    return load_truth(found) if found is not None and os.path.isfile(found) else None
 
 
 def _true(truth: GroundTruth) -> list[LabelledFrame]:

@@ -21,7 +21,7 @@ from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.limits import TEXT_BYTES
 from socialbot.core.messages import Image, Structured
 from socialbot.core.process_settings import ProcessSettings
-from socialbot.core.reading import is_file, read_bytes
+from socialbot.core.reading import read_bytes
 from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.files import load_graph
@@ -377,7 +377,7 @@ def parse_deployment(text: str, *, where: str, folder: Path, robot: str = "") ->
 
 def _graph(root: YamlSection, page: _Page, folder: Path, robot: str) -> Graph:
     name = page.graph
-    beside = page.robot and is_file(folder / page.robot)
+    beside = page.robot and os.path.isfile(folder / page.robot)
     robot = robot or (str(folder / page.robot) if beside else page.robot)
     try:
         graph = load_graph(name if name in graph_names() else str(folder / name), robot=robot)

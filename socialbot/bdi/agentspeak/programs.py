@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from socialbot.bdi.terms import NOTHING, Atom, Variable, conjunction
 from socialbot.bdi.trace import log
 from socialbot.core.errors import RuleError
 from socialbot.core.limits import TEXT_BYTES
-from socialbot.core.reading import is_file, read_bytes
+from socialbot.core.reading import read_bytes
 
 _local_numbers = itertools.count(1)
 
@@ -77,7 +78,7 @@ class IncludePaths:
             tried: Iterable[Path] = (file,)
         else:
             tried = dict.fromkeys(folder / name for folder in (including[-1].parent, *self.folders))
-        files = [file for file in tried if is_file(file)]
+        files = [file for file in tried if os.path.isfile(file)]
         if not files:
             places = ", ".join(map(str, tried))
             raise RuleError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.stdlib._agents import free_name
 from socialbot.bdi.terms import Atom
 from socialbot.core.errors import RuleError
-from socialbot.core.reading import is_file
 
 DEFAULT_FOLDERS = (".", "src/asl", "src/agt", "asl")
 """Folders of programs, relative to the project, that are searched after those of the project."""
@@ -251,7 +251,7 @@ class _ProjectParser:
     def found(self, at: int, entry: dict[str, Any], taken: set[str]) -> ProjectAgent:
         """Find the program of an agent, and names for it that are not ``taken`` yet."""
         places = [folder / entry["file"] for folder in self.folders]
-        file = next((place for place in places if is_file(place)), None)
+        file = next((place for place in places if os.path.isfile(place)), None)
         if file is None:
             tried = ", ".join(map(str, dict.fromkeys(places)))
             raise self.error(f"the program {entry['file']} of {entry['name']} does not exist", f"tried: {tried}", at)

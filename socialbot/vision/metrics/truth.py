@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import codecs
 import itertools
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -28,7 +29,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from socialbot.core.errors import TruthError
-from socialbot.core.reading import is_folder, read_bytes
+from socialbot.core.reading import read_bytes
 
 TRUTH_TOPIC = "/ground_truth/persons"
 """Topic of ground truth in a bag."""
@@ -133,7 +134,7 @@ class _Header(msgspec.Struct):
 def bag_name(bag: Path) -> str:
     """The display name of ``bag``: the folder name, or the file name without its suffix."""
     bag = bag.resolve()
-    return bag.name if is_folder(bag) else bag.stem
+    return bag.name if os.path.isdir(bag) else bag.stem
 
 
 def truth_beside(bag: Path) -> Path:
