@@ -11,6 +11,12 @@ SENTENCE_CHARACTERS = 10_000
 ALTERNATIVES = 100
 """Most alternative texts of a heard sentence."""
 
+READ_WORDS = 100
+"""Most words of a sentence that a dialogue reads: a minute of speech. Its time grows with the square of the words."""
+
+READ_ALTERNATIVES = 10
+"""Most alternative texts that a dialogue reads, the most likely ones."""
+
 PERSONS = 2000
 """Most people in a message."""
 

@@ -31,6 +31,7 @@ from socialbot.bdi import (
     variables,
     wait_for,
 )
+from socialbot.core.limits import READ_ALTERNATIVES
 from socialbot.core.messages import HeardSpeech, SpeechStatus, VoiceActivity
 
 SOMEBODY = "somebody"
@@ -255,6 +256,7 @@ class Conversation:
     def hear(self, message: HeardSpeech) -> None:
         """Turn recognized speech into beliefs."""
         if message.text.strip():
+            message = msgspec.structs.replace(message, alternatives=message.alternatives[:READ_ALTERNATIVES])
             since = min(message.stamp, self.engine.clock.now())
             self.engine.perceive(self.sensor, message, cause=message.id, since=since)
 

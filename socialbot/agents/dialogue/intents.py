@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from socialbot.agents.dialogue._templates import Extra, Part, Slot, expand, words
 from socialbot.core.errors import RuleError, suggestion
+from socialbot.core.limits import READ_WORDS
 
 UNKNOWN = "unknown"
 """Intent of a sentence that no phrase matches."""
@@ -211,9 +212,12 @@ class Grammar:
             expected: Intents that an open question expects; they win over equally good ones.
 
         Returns:
-            The reading with the most matching words; its intent is `UNKNOWN` if none scores `LEAST_SCORE`.
+            The reading with the most matching words; its intent is `UNKNOWN` if none scores `LEAST_SCORE`, or if the
+            sentence has more than `READ_WORDS` words.
         """
         clauses = words(text, language)
+        if sum(map(len, clauses)) > READ_WORDS:
+            return Reading(UNKNOWN, language=language)
         starts = set(itertools.accumulate(map(len, clauses)))
         sentence = [word for clause in clauses for word in clause]
         spans, excluded = self._spans(sentence, starts, language)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from socialbot.agents.dialogue import (
@@ -406,3 +408,23 @@ def test_the_speaker_is_who_was_asked_or_the_only_person_present():
     robot.hear("", "yes")
     assert robot.said == ["ann: welcome", "somebody: welcome", "ann: offer"]
     assert robot.notes == [("yes", ())]
+
+
+LONG = ("a. " * 3333, "where is the " * 769, "x" * 10_000, "no " * 3333, "library " * 1250)
+
+
+@pytest.mark.parametrize("text", LONG)
+def test_the_longest_sentence_with_all_alternatives_is_read_in_time(text):
+    robot = Robot()
+    alternatives = tuple(f"{number} {text}"[:10_000] for number in range(100))
+    begun = time.process_time()
+    robot.hear("ann", text[:10_000], "xx", alternatives=alternatives)
+    run_engine(robot.engine, 1.0)
+    assert time.process_time() - begun < 3.0
+
+
+def test_a_likely_alternative_of_a_long_sentence_is_read():
+    robot = Robot()
+    robot.hear("ann", "where is the " * 769, alternatives=("where is the library", *("no " * 3333,) * 99))
+    run_engine(robot.engine, 3.0)
+    assert robot.said == ["ann: way library"]
