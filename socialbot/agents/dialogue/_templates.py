@@ -13,6 +13,9 @@ from socialbot.core.errors import RuleError
 MOST_VARIANTS = 512
 """Maximum number of word sequences of one phrase."""
 
+MOST_BRACKETS = 20
+"""Maximum number of brackets in each other."""
+
 _PART = re.compile(r"\s*(?:(?P<slot>\{(\w+)\})|(?P<sign>[][()|])|(?P<word>[^][(){}|\s]+)|(?P<bad>.))")
 _SHORT_FORMS = {
     "n't": " not", "'re": " are", "'m": " am", "'ll": " will", "'ve": " have", "'d": " would", "'s": " is",
@@ -114,7 +117,7 @@ class _Reader:
 
     def __init__(self, parts: list[re.Match[str]], phrase: str, language: str, where: str) -> None:
         self._parts, self._phrase, self._language, self._where = parts, phrase, language, where
-        self._at = 0
+        self._at = self._depth = 0
 
     def read(self) -> Iterator[tuple[Part, ...]]:
         variants = self._alternatives("")
@@ -123,6 +126,9 @@ class _Reader:
         return iter(variants)
 
     def _alternatives(self, end: str) -> list[tuple[Part, ...]]:
+        self._depth += 1
+        if self._depth > MOST_BRACKETS:
+            raise self._error(f"nests brackets more than {MOST_BRACKETS} deep")
         found: list[tuple[Part, ...]] = []
         while True:
             found += self._sequence()
@@ -134,6 +140,7 @@ class _Reader:
             if sign != end:
                 raise self._error(f"lacks {end!r}")
             self._at += 1
+        self._depth -= 1
         return found
 
     def _sequence(self) -> list[tuple[Part, ...]]:

@@ -206,13 +206,14 @@ def _intent(name: str, section: YamlSection) -> Intent:
 
 def _check_fields(text: str, where: str) -> None:
     try:
-        fields = [name for _, name, *_ in string.Formatter().parse(text) if name is not None]
+        fields = [(name, form, kind) for _, name, form, kind in string.Formatter().parse(text) if name is not None]
     except ValueError as error:
         raise RuleError(
             f"{text!r} is no sentence: {error}", where=where, remedy="write {{ and }} for braces"
         ) from error
-    for name in fields:
-        if not name.isdecimal():
+    for name, form, kind in fields:
+        if form or kind or not re.fullmatch("[0-9]{1,2}", name):
+            shown = f"{name}{f'!{kind}' if kind else ''}{f':{form}' if form else ''}"
             raise RuleError(
-                f"{text!r} has the unknown field {{{name}}}", where=where, remedy="write {0} for the first argument"
+                f"{text!r} has the unknown field {{{shown}}}", where=where, remedy="write {0} for the first argument"
             )

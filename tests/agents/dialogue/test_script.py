@@ -67,6 +67,12 @@ def test_a_question_and_the_names_of_a_slot_are_replaced():
         ("de: Welcher Raum?", "deutsch: Welcher Raum?", "expected a language, got 'deutsch'"),
         ("floor {1}", "floor {floor}", "unknown field {floor}"),
         ("floor {1}", "floor {1", "is no sentence"),
+        ("floor {1}", "floor {1:99999999999}", "unknown field {1:99999999999}"),
+        ("floor {1}", "floor {1:{2:{3}}}", "unknown field {1:{2:{3}}}"),
+        ("floor {1}", "floor {1:d}", "unknown field {1:d}"),
+        ("floor {1}", "floor {1!r}", "unknown field {1!r}"),
+        ("floor {1}", "floor {" + "9" * 100 + "}", "unknown field {999"),
+        ("where is [the] {place}", "[" * 3000 + "a" + "]" * 3000 + " {place}", "nests brackets more than 20 deep"),
         ("which: {en", "what: {en", "question 'which' has no sentence"),
     ],
 )
