@@ -22,7 +22,7 @@ DEFAULT_FOLDERS = (".", "src/asl", "src/agt", "asl")
 _NOTED = ("infrastructure", "executionControl", "classpath", "directives")
 _CLASSES = ("agentArchClass", "agentClass", "beliefBaseClass")
 _END = ""
-_TOKEN = re.compile(r'\s*(?:("(?:[^"\\\n]|\\.)*")|([A-Za-z_][\w]*)|([0-9]+(?:\.[0-9]+)?)|(\S))')
+_TOKEN = re.compile(r'"(?:[^"\\\n]|\\.)*"|[A-Za-z_]\w*|[0-9]+(?:\.[0-9]+)?|\S')
 _COMMENT = re.compile(r'("(?:[^"\\\n]|\\.)*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 
@@ -84,9 +84,9 @@ class _ProjectParser:
         self.source = Source("", str(file))
         self.source.text = text
         bare = _COMMENT.sub(lambda found: found[1] or re.sub(r"[^\n]", " ", found[0]), text)
-        found = [match for match in _TOKEN.finditer(bare) if match[0].strip()]
-        self.words = [match[0].strip() for match in found] + [_END]
-        self.places = [match.end() - len(match[0].strip()) for match in found] + [len(text.rstrip())]
+        found = list(_TOKEN.finditer(bare))
+        self.words = [match[0] for match in found] + [_END]
+        self.places = [match.start() for match in found] + [len(text.rstrip())]
         self.at = 0
         self.notes: list[str] = []
         self.folders: list[Path] = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from socialbot.bdi.agentspeak import AgentSpeakError, IncludePaths
@@ -25,6 +27,13 @@ def project(tmp_path):
         return file
 
     return write
+
+
+@pytest.mark.parametrize("more", [" " * 100_000, "/*" + "x" * 100_000 + "*/", "//" + "x" * 100_000])
+def test_long_blanks_and_comments_take_no_time(project, more):
+    begun = time.process_time()
+    assert len(read_project(project("MAS m { agents: a; }" + more)).agents) == 1
+    assert time.process_time() - begun < 1.0
 
 
 def test_agents_have_the_program_of_their_name_or_their_own(project, tmp_path):
