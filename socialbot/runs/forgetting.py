@@ -17,7 +17,7 @@ from socialbot.core.messages import NO_JSON, TraceRecord
 from socialbot.core.paths import expect_inside, leads_inside, replace_file, writing
 from socialbot.core.reading import read_bytes
 from socialbot.runs.folder import open_run
-from socialbot.runs.record import SCORED, SEEN, TRACE
+from socialbot.runs.record import RESULTS, SCORED, SEEN, TRACE
 
 AFTER_S = 10.0
 """Actions of agents until so long after they were alone with a person are a trace of that person."""
@@ -73,6 +73,13 @@ def _people(history: Any) -> list[str]:
     return sorted(set(filter(None, found)))
 
 
+class _Lists(msgspec.Struct):
+    """Lists in the results of a run whose items have an id."""
+
+    actions: tuple[dict[str, Any], ...] = ()
+    utterances: tuple[dict[str, Any], ...] = ()
+
+
 class _Forgetting:
     def __init__(self, folder: Path, person: str) -> None:
         self._folder = folder
@@ -84,9 +91,10 @@ class _Forgetting:
         self._made = Forgotten()
 
     def run(self) -> Forgotten:
-        for name in (TRACE, SEEN, "results.json"):
+        for name in (TRACE, SEEN, RESULTS):
             for path in (*parts(self._folder / name), self._folder / name):
                 expect_inside(self._folder, path)
+        results = self._results()
         records = [record for path in parts(self._folder / TRACE) for record in self._records(path)]
         alone = self._alone(records)
         for path in parts(self._folder / TRACE):
@@ -94,7 +102,8 @@ class _Forgetting:
             _replace(path, [msgspec.json.encode(record) for record in kept if record is not None])
         for path in parts(self._folder / SEEN) if (self._folder / SEEN).exists() else ():
             _replace(path, [line for line in read_bytes(path).split(b"\n") if line and not self._names(line)])
-        self._rewrite_results()
+        if results is not None:
+            self._rewrite_results(results)
         self._remove_files()
         return self._made
 
@@ -153,18 +162,27 @@ class _Forgetting:
         what = f"{len(others)} {'person' if len(others) == 1 else 'persons'}"
         return msgspec.structs.replace(record, what=what, detail=detail)
 
-    def _rewrite_results(self) -> None:
-        path = self._folder / "results.json"
+    def _results(self) -> dict[str, Any] | None:
+        """Return the results of the run, None without any. Raises RunError if they are damaged, before any change."""
+        path = self._folder / RESULTS
         if not path.is_file():
-            return
-        results = msgspec.json.decode(read_bytes(path), type=dict[str, Any])
+            return None
+        data = read_bytes(path)
+        try:
+            msgspec.json.decode(data, type=_Lists)
+            return msgspec.json.decode(data, type=dict[str, Any])
+        except NO_JSON as error:
+            remedy = "delete this file, or the whole run; nothing was removed"
+            raise RunError(f"cannot be read: {error}", where=str(path), remedy=remedy) from error
+
+    def _rewrite_results(self, results: dict[str, Any]) -> None:
         for name in ("actions", "utterances"):
             if name in results:
                 results[name] = [each for each in results[name] if each.get("id") in self._kept]
         results["scores"] = None
         results.pop("decisions", None)
         text = msgspec.json.format(msgspec.json.encode(self._scrubbed(results)), indent=2) + b"\n"
-        replace_file(path, text)
+        replace_file(self._folder / RESULTS, text)
 
     def _scrubbed(self, value: Any) -> Any:
         """Return plain data without items that name the person."""

@@ -179,6 +179,15 @@ def test_an_unknown_person_changes_nothing(run):
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.parametrize("results", ["", "[", "[]", "[" * 100_000, '{"actions": 3}', '{"utterances": ["t1"]}'])
+def test_a_run_with_damaged_results_is_refused_before_any_change(run, results):
+    (run / "results.json").write_text(results)
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    with pytest.raises(RunError, match=r"results\.json: cannot be read"):
+        forget_person(run, "t1")
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+
+
 def test_the_command_says_what_it_did_and_what_it_left(run):
     results = json.loads((run / "results.json").read_text())
     (run / "results.json").write_text(json.dumps({**results, "bag": {"path": "/data/lab"}}))
