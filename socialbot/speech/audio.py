@@ -113,7 +113,7 @@ class WavFile:
         self.path = Path(path)
         try:
             self._file = _open_wav(self.path)
-        except (OSError, EOFError, wave.Error) as error:
+        except (OSError, EOFError, RuntimeError, wave.Error) as error:  # RuntimeError: a chunk beyond the end
             what = getattr(error, "strerror", None) or str(error) or "the file is truncated"
             raise DeviceError(
                 f"cannot be read as sound: {what}", where=str(path), remedy="give a .wav file with PCM samples"

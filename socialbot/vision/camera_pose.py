@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.messages import NO_JSON
 from socialbot.core.paths import replace_file, writing
 from socialbot.core.reading import read_bytes
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
@@ -416,7 +417,7 @@ def load_pose(path: Path) -> CameraPose | None:
         pose = msgspec.json.decode(read_bytes(path), type=CameraPose)
     except FileNotFoundError:
         return None
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (OSError, *NO_JSON) as error:
         remedy = "make it with: socialbot calibrate BAG --save FILE"
         raise ParameterError(f"is no pose of a camera: {error}", where=str(path), remedy=remedy) from error
     if not (pose.height_m > 0 and pose.height_std_m >= 0 and pose.pitch_std_rad >= 0):

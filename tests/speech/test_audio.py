@@ -124,7 +124,12 @@ def test_read_wav_converts(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "why"),
-    [(b"", "truncated"), (b"not a sound at all", "RIFF"), (b"RIFF\x04\0\0\0WAVE", "fmt chunk")],
+    [
+        (b"", "truncated"),
+        (b"not a sound at all", "RIFF"),
+        (b"RIFF\x04\0\0\0WAVE", "fmt chunk"),
+        (b"RIFF\x14\0\0\0WAVEjunk\xff\xff\xff\x7fdata\0\0\0\0", "truncated"),
+    ],
 )
 def test_file_without_sound_is_refused(tmp_path: Path, content: bytes, why: str) -> None:
     path = tmp_path / "sound.wav"

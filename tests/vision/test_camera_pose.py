@@ -167,6 +167,9 @@ def test_pose_file_is_written_and_read(tmp_path):
     (tmp_path / "bad.json").write_text('{"height_m": -1, "pitch_rad": 0}')
     with pytest.raises(ParameterError, match="height_m"):
         load_pose(tmp_path / "bad.json")
+    (tmp_path / "deep.json").write_text('{"height_m": 1, "pitch_rad": 0, "more": ' + "[" * 100_000)
+    with pytest.raises(ParameterError, match="is no pose of a camera"):
+        load_pose(tmp_path / "deep.json")
 
 
 def test_rendered_bags_state_their_pose():
