@@ -20,10 +20,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.ros_action import RosAction
 from socialbot.bdi import Belief, Failed
 from socialbot.bdi.sensors import Sensed
+from socialbot.core.messages import NO_JSON
 from socialbot.graph.services import ActionClient
 
 NORMAL_PRIORITY = 128
@@ -59,16 +62,12 @@ class ask(RosAction):
         if code := getattr(outcome, "error_code", 0):
             raise Failed("refused", getattr(outcome, "error_msg", "") or f"error {code} of the skill")
         try:
-            answers = json.loads(result.answers, parse_constant=_refuse)
-        except (ValueError, RecursionError) as error:
+            answers = msgspec.json.decode(result.answers.encode())
+        except NO_JSON as error:
             raise Failed("not_understood", f"the answers are no JSON: {error}") from error
         if not isinstance(answers, Mapping):
             raise Failed("not_understood", f"the answers are no JSON object: {result.answers!r}")
         return [+answered(str(name), _value(value)) for name, value in answers.items()]
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no value")
 
 
 def _value(value: Any) -> str | int | float:

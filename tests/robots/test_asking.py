@@ -93,6 +93,8 @@ def test_answers_become_beliefs():
         ("[1]", 0, "not_understood"),
         (None, 0, "timeout"),
         ('{"sugar": NaN}', 0, "not_understood"),
+        ('{"sugar": 1e999}', 0, "not_understood"),
+        ('{"sugar": "\\ud800"}', 0, "not_understood"),
         ("[" * 100_000, 0, "not_understood"),
     ],
 )
