@@ -6,11 +6,13 @@ For bad input a decoder raises SocialbotError and nothing else. The seeds are wh
 from __future__ import annotations
 
 import functools
+import io
 import itertools
 import json
 import os
 import sys
 import tempfile
+import wave
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,10 +23,12 @@ import msgspec
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from socialbot.agents.dialogue.script import load_script
 from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.ward import parse_faults as parse_ward_faults
 from socialbot.agents.teams.missions import CoordinatorMemory
+from socialbot.agents.warehouse.layout import parse_layout
 from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
 from socialbot.agents.warehouse.scenario import scenario_of
 from socialbot.bags import codec
@@ -33,6 +37,7 @@ from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bdi import Engine, Failed, Record
 from socialbot.bdi.agentspeak.loading import load as load_program
+from socialbot.bdi.agentspeak.projects import read_project
 from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
 from socialbot.bdi.stdlib._strings import replaced
@@ -61,8 +66,12 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.robots.profile import parse_profile
+from socialbot.robots.simulation.place import read_place
 from socialbot.runtime.deployment import load_deployment
+from socialbot.speech.audio import read_wav
 from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera_pose import load_pose
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.formats import labelled_sources, sniff
 from socialbot.vision.metrics.frames import load_labels
@@ -76,6 +85,13 @@ from tests.fuzz.run_folders import read_all, recorded_lines, write_run
 
 ROOT = Path(graph_file.__file__).parents[1]
 TYPES = RosbagsTypes()
+PROJECT = b"""MAS room {
+    environment: room:Room(20)
+    agents: a b.asl [beliefs="likes(20)", goals="greet"]; // one
+            a #2;  /* two */
+    aslSourcePath: "src/asl";
+}
+"""
 DEPLOYMENT = b"""graph: waldo
 domain: 42
 discovery: {server: 'robot:11811'}
@@ -290,6 +306,34 @@ def _files() -> Iterator[Decoder]:
     yield from _data_sets()
     yield Decoder("private-key", _private_key, (_pem(),))
     yield Decoder("video", _file(_read_video, "video.avi"), (_video(),))
+    yield Decoder("wav", _file(read_wav, "sound.wav"), (_wav(1), _wav(2)))
+    pose = b'{"height_m": 1.2, "pitch_rad": 0.1, "height_std_m": 0.1, "pitch_std_rad": 0.01, "people": 4}'
+    yield Decoder("camera-pose", _file(load_pose, "a.camera.json"), (pose,))
+    yield Decoder("project", _file(_read_project, "a.mas2j"), (PROJECT,))
+    dialogue = _content("agents/waldo/small_talk.yaml")
+    yield Decoder("dialogue", lambda data: load_script("dialogue", text_of(data)), dialogue)
+    places = _content("robots/simulation/places/foyer.yaml", "robots/simulation/places/office.yaml")
+    yield Decoder("place", lambda data: read_place(text_of(data), where="place"), places)
+    layouts = (b"carriers: 2\nstacks: [[box_1], []]\ndeposits: [[box_1], []]\n", b"carriers: 3\nboxes: 9\nseed: 3\n")
+    yield Decoder("layout", lambda data: parse_layout(text_of(data), where="layout"), layouts)
+    robots = _content("robots/profiles/tiago.yaml")
+    yield Decoder("robot", lambda data: parse_profile(text_of(data), "robot.yaml"), robots)
+
+
+def _read_project(path: Path) -> object:
+    for name in ("a.asl", "b.asl"):
+        (path.parent / name).touch()
+    return read_project(path)
+
+
+def _wav(width: int) -> bytes:
+    file = io.BytesIO()
+    with wave.open(file, "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(width)
+        sound.setframerate(16_000)
+        sound.writeframes(bytes(range(100)) * 2 * width)
+    return file.getvalue()
 
 
 def _video() -> bytes:
