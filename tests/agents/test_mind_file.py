@@ -154,6 +154,16 @@ def test_last_state_is_saved_at_stop(tmp_path: Path) -> None:
     assert saved(path) == [0, 1, 2]
 
 
+def test_last_state_is_saved_at_stop_if_its_folder_was_removed(tmp_path: Path) -> None:
+    path = tmp_path / "minds" / "mind.json"
+    runner, thinker = thinking(path)
+    thinker.engine.believe(thing(1))
+    runner.advance(SECOND)
+    shutil.rmtree(path.parent)
+    runner.close()
+    assert saved(path) == [1]
+
+
 def test_unsavable_mind_is_logged_and_agent_continues(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     runner, thinker = thinking(tmp_path / "mind.json")
     thinker.engine.believe(thing(object()))

@@ -1,4 +1,4 @@
-"""Agent node: runs a BDI engine, publishes actions and trace, and saves the mental state to a file."""
+"""Agent node: runs a BDI engine, and publishes its actions, trace and mental state."""
 
 from __future__ import annotations
 

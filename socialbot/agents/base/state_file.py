@@ -62,7 +62,7 @@ class MindFile(StateFile):
     """Saves the mental state of ``engine`` in ``path``, by atomic writes in the background."""
 
     def __init__(self, node: Node, path: Path, engine: Engine) -> None:
-        super().__init__(node, path, lambda: saving.write(engine, path))
+        super().__init__(node, path, lambda: self._write_data(saving.save(engine)))
         self._engine = engine
         self._earliest = 0
         self._due: Timer | None = None
@@ -108,10 +108,13 @@ class MindFile(StateFile):
         except saving.MindError as error:
             self._finished(error)
         else:
-            self._node.context.run_in_background(functools.partial(self._write_data, data), self._finished)
+            self._node.context.run_in_background(functools.partial(self._write_if_open, data), self._finished)
 
-    def _write_data(self, data: dict[str, Any]) -> None:
+    def _write_if_open(self, data: dict[str, Any]) -> None:
         with self._one_at_a_time:
             if not self._closed.is_set():
-                self._path.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed
-                saving.write_data(data, self._path)
+                self._write_data(data)
+
+    def _write_data(self, data: dict[str, Any]) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed
+        saving.write_data(data, self._path)
