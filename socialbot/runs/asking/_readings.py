@@ -615,15 +615,13 @@ def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Ev
 
 def _kind_of_agents(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:
     """Return the kind of agents of ``which carrier left``, if agents of this kind do the deed; else empty."""
-    words = reading.words
-    asked = next((words[n + 1] for n in range(len(words) - 1) if words[n] == "which"), "")
-    return asked if asked in {kind_of_name(each.source) for each in subjects.done(deed.topic)} else ""
+    kind = asked_kind(reading, subjects)
+    return next((one for each in subjects.done(deed.topic) if stem(one := kind_of_name(each.source)) == kind), "")
 
 
 def asked_kind(reading: Reading, subjects: Subjects) -> str:
-    """Return the kind of names of ``which carrier``, as a stem; empty without one."""
-    words, phrases = reading.words, reading.language.phrases
-    asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if (words[n],) in phrases["which"]), "")
+    """Return the kind of names of ``which carrier`` and ``how many carriers``, as a stem; empty without one."""
+    asked = next((stem(word) for n, word in enumerate(reading.words) if reading.is_asked_for(n)), "")
     return asked if asked in {stem(kind) for kind in subjects.kinds if len(kind) > 1} else ""
 
 

@@ -61,6 +61,11 @@ class Reading:
     def free(self) -> list[int]:
         return [place for place in range(len(self.words)) if place not in self.taken]
 
+    def is_asked_for(self, place: int) -> bool:
+        """Return whether a word is that of ``which crane`` or ``how many kilos``."""
+        before = (*self.language.phrases["which"], *self.language.phrases["how_many"])
+        return any(tuple(self.words[max(place - len(each), 0) : place]) == each for each in before)
+
 
 def digits_after_names(words: list[str], subjects: Subjects, language: Language) -> list[str]:
     """Return words with number words as digits behind the words of names: ``room one`` is room1."""

@@ -13,7 +13,8 @@ from socialbot.runs.asking._parts import (
 from socialbot.runs.asking._references import (
     Reading,
 )
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._sentences import kind_of_name
+from socialbot.runs.asking._topics import Subjects, arguments_of
 from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
 from socialbot.runs.asking.languages import lexicon
 
@@ -43,15 +44,28 @@ def names_without_records(reading: Reading, referred: Set[int], subjects: Subjec
 
 
 def has_other_object(deed: NamedDeed, found: Found, subjects: Subjects) -> bool:
-    """Return whether a noun behind an article names something that no record has: ``clean the garage``."""
+    """Return whether a noun behind a determiner names something that no record has.
+
+    ``clean the garage``, ``how many kilos``, ``which crane``.
+    """
     words, language = found.reading.words, found.reading.language
     free = [place for place in found.reading.free() if place not in deed.places and len(words[place]) > 2]
-    named = found.referred | {n for name in ("people", "time", "see") for n in found.reading.places(name)}
+    named = _named(found)
+    arguments = [arguments_of(one.what) for one in subjects.done(deed.topic)]
+    # "How many badges did you check?" may ask for check("Ann").
+    to_people = all(arguments) and not any(kind_of_name(name) in subjects.kinds for one in arguments for name in one)
+    asked = {
+        place
+        for place in free
+        if not to_people
+        and found.reading.is_asked_for(place)
+        and not _is_deed(lexicon.meanings((words[place],), language.code))
+    }
     nouns = [
         words[place]
         for place in free
         if place and place + 1 not in named  # "the big box"
-        if words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
+        if place in asked or words[place - 1] in _TO_THE or (words[place - 1],) in language.phrases["article"]
     ]
     nouns = [word for word in nouns if not lexicon.is_general(word, language.code)]  # "go to a place"
     return any(not subjects.is_recorded(word, language.code) and word not in NUMBER_WORDS for word in nouns)
@@ -74,7 +88,13 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
     numbered = [f"{kind} {part}" for kind, part in names_without_records(reading, found.referred, subjects)]
     numbered = [one for one in dict.fromkeys(numbered) if not subjects.begins_name(one)]
     code = reading.language.code
-    nouns = {words[place] for place in free if words[place] in names or words[place - 1] in articles}
+    nouns = {
+        words[place]
+        for place in free
+        if words[place] in names
+        or words[place - 1] in articles
+        or (reading.is_asked_for(place) and place + 1 not in _named(found))
+    }
     deeds = {words[place] for place in free if _is_deed(lexicon.meanings((words[place],), code))}
     known, unknown = meanings_of(subjects), set(reading.free())
     phrases = [
@@ -92,6 +112,11 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
             noun = next(iter(words[place + 1 : place + 2]), "")
             others.append(f"{word} {noun}" if word in nouns and noun in subjects.kinds else word)  # "living room"
     return list(dict.fromkeys([*numbered, *phrases, *others]))
+
+
+def _named(found: Found) -> set[int]:
+    """Return the places of words for names, people, times and seeing."""
+    return {*found.referred, *(n for name in ("people", "time", "see") for n in found.reading.places(name))}
 
 
 def _is_deed(meant: Set[lexicon.Meaning]) -> bool:

@@ -289,6 +289,11 @@ def test_an_answer_reads_each_of_many_different_deeds_a_few_times(kind, monkeypa
         "Did spot go to the garage?",
         "Est-ce que spot est allé au garage ?",
         "Hat guard a zu Peter etwas gesagt?",
+        "How many kilos did the gripper pick up?",
+        "Which crane picked up box a1?",
+        "Wie viele Kilo hat gripper a aufgehoben?",
+        "Combien de palettes as-tu ramassées ?",
+        "¿Cuántos camiones recogiste?",
     ],
 )
 def test_deed_to_another_person_or_thing_is_no_answer(yard, question):
@@ -323,6 +328,16 @@ def test_speaking_is_counted(yard, question):
     assert (claim.kind, claim.value) == ("count", 1.0)
 
 
+@pytest.mark.parametrize("question", ["How many boxes did you go to?", "Wie viele Kisten sind gefahren?"])
+def test_deeds_without_the_kind_of_thing_are_not_counted(yard, question):
+    assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize("question", ["How many carriers left?", "Wie viele Carrier sind losgefahren?"])
+def test_deeds_of_the_kind_of_agent_are_counted(yard, question):
+    assert {each.claim.agent for each in answer(yard, question).clauses} == {"carrier_a"}
+
+
 @pytest.mark.parametrize(
     "question",
     [
@@ -343,6 +358,7 @@ def test_request_is_found_by_what_was_asked_for(yard, question):
         ("¿Recogiste la lámpara?", "lampara"), ("As-tu ramassé la caisse d1 ?", "box d1"),
         ("Did guard a check Ann?", "ann"), ("Why did you pick up box 7?", "box 7"),
         ("Did you drop a box?", "drop"), ("Did you wave at Bob?", "wave"),
+        ("How many kilos did the gripper pick up?", "kilos"), ("Which crane picked up box a1?", "crane"),
     ],
 )  # fmt: skip
 def test_a_refusal_names_what_no_record_has(yard, question, named):

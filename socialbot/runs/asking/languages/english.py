@@ -10,7 +10,19 @@ _TIMES = ",".join(
     for before, asking, time in product(
         ("at", "in", "on", "from", "until"),
         ("what", "which"),
-        ("time", "moment", "point", "second", "minute", "instant", "stage", "occasion"),
+        (
+            "time",
+            "moment",
+            "moments",
+            "point",
+            "second",
+            "seconds",
+            "minute",
+            "instant",
+            "stage",
+            "occasion",
+            "occasions",
+        ),
     )
 )
 """Phrases that ask for a time: ``at which moment``."""
