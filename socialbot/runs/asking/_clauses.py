@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 from socialbot.runs.asking.languages import INTERROGATIVES, Language
@@ -170,6 +171,12 @@ def without_contrast(words: Sequence[str], language: Language) -> Parts | None:
 def without_event(words: Sequence[str], language: Language) -> Parts | None:
     """Split off the event that tells the time, behind the main clause or in front of it; None without one."""
     asking = [one for name in INTERROGATIVES if name != "when" for one in language.phrases[name]]
+    verbs: tuple[tuple[Relation, str], ...] = (("after", "follows"), ("before", "precedes"))
+    for relation, name in verbs:
+        for begin, verb in product(language.phrases["what"], language.phrases[name]):
+            event = words[len(begin) + len(verb) :]
+            if event and (*words[: -len(event)],) == (*begin, *verb):  # "What followed the first greeting?"
+                return Parts((*begin, *language.phrases["happen"][0]), event=(*event,), relation=relation)
     asking += [(one,) for one in language.auxiliaries]
     relations: tuple[Relation, ...] = ("after", "before", "when")
     for place in range(len(words) - 1):

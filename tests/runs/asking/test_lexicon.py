@@ -89,3 +89,11 @@ def test_places_are_those_of_the_words(words: list[str], language: str) -> None:
     for each in lexicon.found_in(words, language):
         assert list(each.places) == sorted(set(each.places))
         assert all(0 <= place < len(words) for place in each.places)
+
+
+@pytest.mark.parametrize(
+    ("word", "language"),
+    [("handed", "en"), ("received", "en"), ("bekam", "de"), ("remis", "fr"), ("entregaste", "es")],
+)
+def test_handing_over_is_putting(word: str, language: str) -> None:
+    assert lexicon.meanings((word,), language) & lexicon.meanings(("put",))

@@ -404,3 +404,17 @@ def test_what_nobody_said_is_no_answer(talk, question):
 @pytest.mark.parametrize("question", ["Should you have helped t2?", "Ought you to have greeted t3?"])
 def test_what_the_robot_should_have_done_is_unknown(visits, question):
     assert not answer(visits, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "expected"),
+    [
+        ("What followed the frying of onion 1?", "stir(cook_a, soup)"),
+        ("What came right after the cook had stirred the soup?", "serve(waiter_b, table_4)"),
+        ("What preceded the frying of onion 1?", "peel(cook_a, carrot_1)"),
+        ("What led up to the waiter serving table 4?", "stir(cook_a, soup)"),
+        ("Was folgte auf das Braten von onion 1?", "stir(cook_a, soup)"),
+    ],
+)
+def test_verbs_of_order_tell_what_was_before_or_after(kitchen, question, expected):
+    assert calls(answer(kitchen, question)) == [expected]

@@ -184,6 +184,8 @@ ENGLISH = Language(
         "rather": "rather than,instead of,as opposed to,in place of",
         "event after": "after,as soon as,once,since,following,subsequent to,upon,later than",
         "event before": "before,until,prior to,and then,and afterwards,and after that,earlier than,sooner than",
+        "follows": "followed,follows,succeeded,came after,came right after,came directly after,comes after",
+        "precedes": "preceded,precedes,led up to,came before,came right before,came just before,comes before",
         "event when": "when,while,the moment,at the moment,as,in response to,in reaction to",
         "comes": "come,came,arrive,enter,appear,approach,show,turn,walk,return",
         "leaves": "leave,left,go,went,gone,disappear,vanish,depart,departed,away,off",

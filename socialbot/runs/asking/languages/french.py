@@ -103,6 +103,8 @@ FRENCH = Language(
         "rather": "plutot que,au lieu de,et pas,mais pas,et non",
         "event after": "apres que,des que,une fois que,apres,plus tard que",
         "event before": "avant que,avant de,avant d,avant,jusqu a ce que,et puis,et ensuite,plus tot que",
+        "follows": "a suivi,suivit,suit,est venu apres,vint apres",
+        "precedes": "a precede,precede,est venu avant",
         "event when": "quand,lorsque,lorsqu,pendant que,au moment ou",
         "comes": "venu,venue,venus,arrive,arrivee,arrives,entre,entree,apparu,apparue,vient,arrivait,arriva",
         "leaves": "parti,partie,partis,part,partait,sorti,sortie,disparu,disparue,quitte",

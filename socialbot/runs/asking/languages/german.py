@@ -107,6 +107,8 @@ GERMAN = Language(
         "rather": "statt,anstatt,anstelle von,und nicht,aber nicht",
         "event after": "nachdem,sobald,nach dem,nach der,nach,spater als",
         "event before": "bevor,ehe,bis,und dann,und danach,vor dem,vor der,vor,fruher als,eher als",
+        "follows": "folgte auf,folgt auf,kam nach,kam direkt nach,kam gleich nach",
+        "precedes": "kam vor,kam direkt vor",
         "event when": "als,wenn,wahrend",
         "comes": "kam,kamen,kommt,gekommen,ankam,erschien,erschienen,auftauchte,hereinkam,eintrat",
         "leaves": "ging,gingen,geht,gegangen,wegging,verschwand,verschwunden,verliess,verlassen,weg,fort",

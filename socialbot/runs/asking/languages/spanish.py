@@ -98,6 +98,8 @@ SPANISH = Language(
             "despues de que,despues de,tras,en cuanto,una vez que,tan pronto como,mas tarde que,despues del,luego de"
         ),
         "event before": "antes de que,antes de,hasta que,y luego,y despues,antes del",
+        "follows": "siguio a,siguio al,sigue a,vino despues de,vino despues del,vino tras",
+        "precedes": "precedio a,precedio al,vino antes de,vino antes del",
         "event when": "cuando,mientras,al momento en que",
         "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
         "leaves": "fue,fueron,marcho,marcharon,salio,salieron,desaparecio,irse,ido",
