@@ -255,7 +255,7 @@ class Cons(Term):
 class LiteralVariable(Term):
     """Variable for a literal with annotations, ``X[source(S)]``, for a negated one, ``~X``, or ``Namespace::X``.
 
-    With a namespace, which is a variable, ``variable`` may be a literal: ``Namespace::at(X)``.
+    The namespace is an atom or a variable. With a variable, ``variable`` may be a literal: ``Namespace::at(X)``.
     """
 
     variable: object

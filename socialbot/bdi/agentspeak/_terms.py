@@ -245,8 +245,8 @@ class TermReader:
             return self.variable_term() if self.is_variable() else self.structure()
         self.fail("a term")
 
-    def is_variable(self) -> bool:
-        first = self.words[self.at][0]
+    def is_variable(self, ahead: int = 0) -> bool:
+        first = self.words[self.at + ahead][0]
         return first == "_" or first.isupper()
 
     def variable_term(self) -> Variable | LiteralVariable:
@@ -327,12 +327,11 @@ class TermReader:
             namespace = self.prefix()
         at = self.at
         negated = words[at] == "~"
-        if negated and KINDS.get(words[at + 1][0]) == VARIABLE:
-            self.at += 1
-            found = self.variable_term()
-            if isinstance(found, Variable):
-                return LiteralVariable(found, negated=True)
-            return LiteralVariable(found.variable, found.annotations, True)
+        if (negated or at != start) and self.is_variable(negated):
+            self.at += negated
+            variable = self.variable()
+            notes = self.annotations() if words[self.at] == "[" else ()
+            return LiteralVariable(variable, notes, negated, Atom(namespace or "default") if at != start else None)
         name = self.name(at + negated)
         self.at = at + negated + 1
         args = self.arguments(name) if words[self.at] == "(" else ()
