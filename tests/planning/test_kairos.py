@@ -374,3 +374,14 @@ def test_plans_wait_for_timed_initial_literals():
     looks = [step for step in found.plan.steps if step.action == "look"]
     assert len(looks) == 5
     assert min(step.start_s for step in looks) >= 40.0
+
+
+@pytest.mark.parametrize("number", [".5", "5.", "-.5", "+5.0e-1", "1E2", "1e-400"])
+def test_a_planner_gets_numbers_as_the_standard_writes_them(number: str):
+    text = f"""(define (domain n) (:requirements :fluents) (:predicates (done)) (:functions (level))
+      (:action a :parameters () :precondition (>= (level) {number}) :effect (done)) ; {number} or 1e999
+    )"""
+    own = read_domain(text)
+    wanted = read_problem(f"(define (problem p) (:domain n) (:init (= (level) {number})) (:goal (done)))", own)
+    answer = Kairos().solve(own, wanted, LONG)
+    assert answer.plan is not None, answer.message

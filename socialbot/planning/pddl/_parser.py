@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from socialbot.core.errors import PlanningError
 from socialbot.core.limits import PDDL_DEPTH
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
-from socialbot.planning.pddl.formulas import Terms, TypedName
+from socialbot.planning.pddl.formulas import Terms, TypedName, number_text
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 
@@ -301,6 +301,17 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
 
 def is_number(item: Sexpression) -> bool:
     return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
+
+
+def planner_text(text: str) -> str:
+    """Return PDDL with all numbers as the standard writes them: ``.5`` and ``5.`` are refused by some planners."""
+    return _TOKEN.sub(lambda found: _standard_number(found[0]), text)
+
+
+def _standard_number(token: str) -> str:
+    word = token.lower()
+    fraction = ("." in word or "e" in word) and _NUMBER.fullmatch(word)
+    return number_text(float(word)) if fraction else token
 
 
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:

@@ -15,6 +15,7 @@ from typing import Protocol
 
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
+from socialbot.planning.pddl._parser import planner_text
 from socialbot.planning.pddl.causal_order import contributing
 from socialbot.planning.pddl.detours import without_detours
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
@@ -197,7 +198,7 @@ class ChildPlanner(ABC):
             return PlannerAnswer(PlannerVerdict.REFUSED, message=reason)
         with tempfile.TemporaryDirectory(prefix="socialbot-plan-") as name:
             folder = Path(name)
-            (folder / DOMAIN_FILE).write_text(domain.text, "utf-8")
+            (folder / DOMAIN_FILE).write_text(planner_text(domain.text), "utf-8")
             search = SearchJob(folder, limits.timeout_s, limits, cancelled)
             answer, search = self._first(search, domain, problem)
             aimed = replace(search.after(answer), target_s=limits.makespan_s)
