@@ -226,8 +226,24 @@ def _open(path: Any, damage: list[str]) -> Reader:
     except Exception as error:
         raise broken(path, error) from error
     if isinstance(reader, Ros2Reader):
+        if isinstance(reader.storage, ros2_reader.DirectoryReader):
+            _list_topics_of_files(reader.storage)
         _keep_ros(reader, path, damage)
     return reader
+
+
+def _list_topics_of_files(folder: ros2_reader.DirectoryReader) -> None:
+    """Let the topics of the files be those of metadata.yaml, since rosbags reads no others, without an error.
+
+    The QoS profiles of metadata.yaml replace those of the files: they are edited by hand to change a playback.
+    """
+    for storage in folder.storages:
+        for index, own in enumerate(storage.connections):
+            listed = next((x for x in folder.connections if (x.topic, x.msgtype) == (own.topic, own.msgtype)), None)
+            if listed is None:
+                folder.connections.append(own._replace(id=len(folder.connections) + 1, owner=folder))
+            else:
+                storage.connections[index] = own._replace(ext=listed.ext, digest=listed.digest)
 
 
 def _keep_ros(reader: Ros2Reader, path: object, damage: list[str]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 
 from socialbot.bags.codec import encode
 from socialbot.bags.reader import BagWriter, open_bag
@@ -223,3 +224,30 @@ def test_a_folder_of_bags_names_one_of_them(tmp_path):
     with pytest.raises(BagError, match="not a bag") as refused:
         open_bag(tmp_path)
     assert str(tmp_path / "visit") in (refused.value.remedy or "")
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("difference", ["qos", "hash", "missing topic"])
+def test_messages_are_read_if_the_metadata_describes_their_topic_differently(
+    tmp_path: Path, storage: str, difference: str
+) -> None:
+    path = make(tmp_path / "bag", storage=storage)
+    with open_bag(path) as bag:
+        before = bag.topics
+        assert not bag.is_latched(RAW)
+    yaml, file = YAML(), path / "metadata.yaml"
+    metadata = yaml.load(file)
+    topics = metadata["rosbag2_bagfile_information"]["topics_with_message_count"]
+    for index, topic in reversed(list(enumerate(topics))):
+        if difference == "qos":
+            for profile in topic["topic_metadata"]["offered_qos_profiles"]:
+                profile["durability"] = "transient_local"
+        elif difference == "hash":
+            topic["topic_metadata"]["type_description_hash"] = "RIHS01_0"
+        elif topic["topic_metadata"]["name"] == RAW:
+            del topics[index]
+    yaml.dump(metadata, file)
+    with open_bag(path) as bag:
+        assert bag.topics == before
+        assert bag.is_latched(RAW) is (difference == "qos")
+    check_pictures(path)
