@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import contextlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -141,6 +141,23 @@ def install() -> None:
     ros2_reader.zstd = _BoundedZstd  # type: ignore[attr-defined]
 
 
+_ZSTD_FRAME = b"\x28\xb5\x2f\xfd"
+
+
+class _Ros2Reader(Ros2Reader):
+    """Reader that decompresses messages also without metadata.yaml, which a killed recorder does not write.
+
+    A message of ROS begins with 0, so it is no zstd frame.
+    """
+
+    def messages(
+        self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        for connection, time, data in super().messages(connections, start, stop):
+            packed = isinstance(data, bytes) and data.startswith(_ZSTD_FRAME)
+            yield connection, time, _BoundedZstd.decompress(data) if packed else data
+
+
 Reader = Ros1Reader | Ros2Reader
 
 install()
@@ -166,6 +183,12 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
     for file in path.iterdir():
         _expect_end(file)
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
+    packed = [file.name for file in sorted(path.glob("*.zstd"), key=natural) if Path(file.stem).suffix in _STORAGE]
+    unpack = f"decompress with `zstd -d {path}/*.zstd`"
+    read = f"{_READ}, not {', '.join(packed)}: {unpack}" if packed else _READ
+    if not metadata.exists() and not files and packed:
+        what = "compressed files without the metadata.yaml that describes them"
+        raise BagError(what, where=str(path), remedy=unpack)
     if not metadata.exists() and not files:
         what = "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file"
         inner = sorted(file.parent.name for kind in _STORAGE for file in path.glob(f"*/*{kind}"))
@@ -179,14 +202,16 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
         except BagError as error:
             if not files:
                 raise
-            damage.append(f"{metadata}: cannot be used: {str(error.__cause__ or error.what).rstrip('.')}; {_READ}")
+            damage.append(f"{metadata}: cannot be used: {str(error.__cause__ or error.what).rstrip('.')}; {read}")
     else:
-        damage.append(f"{metadata}: missing; {_READ}")
+        damage.append(f"{metadata}: missing; {read}")
     return [open_file(file, damage) for file in files]
 
 
 def open_file(path: Path, damage: list[str]) -> Reader:
     """Open one file, or the intact part of a truncated one, which is added to ``damage``. Raises BagError."""
+    if path.suffix == ".zstd":
+        raise BagError("a compressed file of a bag", where=str(path), remedy=f"decompress with `zstd -d {path}`")
     if path.suffix not in _REPAIRS:
         remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
         raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)
@@ -215,7 +240,7 @@ def _open(path: Any, damage: list[str]) -> Reader:
         is_folder = isinstance(path, Path) and path.is_dir()
         if is_folder:
             check_depth(decoded(reading.read_bytes(path / "metadata.yaml", TEXT_BYTES)))
-        reader = Ros2Reader(path) if is_folder or path.suffix != ".bag" else Ros1Reader(path)
+        reader = _Ros2Reader(path) if is_folder or path.suffix != ".bag" else Ros1Reader(path)
         reader.open()
         # Rosbags does not check the types.
         texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]

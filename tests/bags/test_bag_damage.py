@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from ruamel.yaml import YAML
 
 from socialbot.bags.codec import encode
@@ -251,3 +252,30 @@ def test_messages_are_read_if_the_metadata_describes_their_topic_differently(
         assert bag.topics == before
         assert bag.is_latched(RAW) is (difference == "qos")
     check_pictures(path)
+
+
+@pytest.mark.parametrize("storage", StoragePlugin)
+def test_compressed_messages_are_read_without_metadata(tmp_path: Path, storage: StoragePlugin) -> None:
+    """A killed recorder leaves no metadata.yaml, which says that messages are compressed."""
+    pictures = [(RAW, time, picture(time - 5_000_000)) for time in times(10)]
+    path = make_with_rosbags(tmp_path / "bag", pictures, mode=CompressionMode.MESSAGE, storage=storage)
+    (path / "metadata.yaml").unlink()
+    check_pictures(path)
+    (file,) = path.iterdir()
+    check_pictures(file)
+
+
+def test_compressed_files_without_metadata_are_named(tmp_path: Path) -> None:
+    pictures = [(RAW, time, picture(time - 5_000_000)) for time in times(10)]
+    path = make_with_rosbags(tmp_path / "bag", pictures, mode=CompressionMode.FILE)
+    check_pictures(path)
+    (path / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match="without the metadata") as caught:
+        open_bag(path)
+    assert caught.value.remedy == f"decompress with `zstd -d {path}/*.zstd`"
+    with pytest.raises(BagError, match="a compressed file of a bag"):
+        open_bag(path / "bag.db3.zstd")
+    later = make_with_rosbags(tmp_path / "later", pictures)
+    shutil.copy(later / "later.db3", path)
+    with open_bag(path) as bag:
+        assert "not bag.db3.zstd: decompress with" in bag.damage[0]
