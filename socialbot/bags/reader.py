@@ -50,6 +50,11 @@ log = logging.getLogger("socialbot.bags")
 T = TypeVar("T")
 
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
+VIDEO_TYPES = (
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "foxglove_msgs/msg/CompressedVideo",
+    "theora_image_transport/msg/Packet",
+)
 SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
 """Types whose header has the time of a measurement; latched types may be older than their reception."""
 
@@ -252,6 +257,8 @@ class Bag(AbstractContextManager["Bag"]):
             remedy = f"record an image topic; the bag has {', '.join(self._names())}"
             if empty:
                 remedy = f"record while the camera publishes: no messages on {', '.join(empty)}"
+            if videos := [topic.name for topic in self._filled(*VIDEO_TYPES)]:
+                remedy = f"republish {', '.join(videos)} as raw or JPEG images, since video packets are not decoded"
             raise self._refused(f"the bag has no images{depth}", remedy)
         assert wanted is not None
         known = wanted in self._names()

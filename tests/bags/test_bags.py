@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.codec import encode
-from socialbot.bags.reader import open_bag
+from socialbot.bags.reader import VIDEO_TYPES, open_bag
 from socialbot.bags.writer import STORAGES, BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
@@ -459,3 +459,15 @@ def test_messages_of_one_time_keep_their_order(tmp_path, storage):
         messages = opened.messages({"/a": "/a", "/b": "/b", "/c": "/c"})
         found = [message.text for _, message in messages if isinstance(message, Utterance)]
     assert found == [message.text for _, message in said]
+
+
+@pytest.mark.parametrize("kind", VIDEO_TYPES)
+def test_video_packets_are_named_where_a_bag_has_no_images(tmp_path: Path, kind: str) -> None:
+    writer = Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3)
+    with writer:
+        packets = writer.add_connection("/camera/video", kind, msgdef="uint8[] data", rihs01="unknown")
+        writer.write(packets, START, bytes(12))
+    with open_bag(tmp_path / "bag") as bag, pytest.raises(BagError, match="the bag has no images") as caught:
+        bag.choose_image_topic()
+    assert caught.value.remedy is not None
+    assert caught.value.remedy.startswith("republish /camera/video as raw or JPEG images")
