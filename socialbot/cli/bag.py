@@ -255,6 +255,10 @@ def _print_redaction(console: Console, made: Redaction) -> None:
     for topic, count in sorted(made.emptied.items()):
         reason = " that cannot be decoded" if topic in made.unreadable else ""
         console.print(f"emptied: {count} messages of {topic}{reason}", markup=False)
+    for topic, count in sorted(made.left_out.items()):
+        console.print(f"left out: {count} messages of {topic}: their pictures cannot be redacted", markup=False)
+    for topic, kind in sorted(made.unknown.items()):
+        console.print(f"[yellow]kept[/]: {escape(topic)}: {escape(kind)} is unknown and may hold pictures")
     for topic in made.depth:
         console.print(f"[yellow]kept[/]: {escape(topic)}: depth shows shapes of people; --privacy no-images removes it")
     if made.perception == "recorded":

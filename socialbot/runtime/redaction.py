@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from bisect import bisect_left, bisect_right
@@ -14,8 +15,8 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
-from socialbot.bags.reader import IMAGE_TYPES, Bag, open_bag
-from socialbot.bags.types import RosbagsTypes
+from socialbot.bags.reader import IMAGE_TYPES, VIDEO_TYPES, Bag, open_bag
+from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
@@ -33,6 +34,10 @@ from socialbot.vision.metrics.truth import truth_beside
 
 POINTS = "sensor_msgs/msg/PointCloud2"
 QUALITY = 90
+_BYTES_FIELD = re.compile(r"\b(?:uint8|byte|char|octet)\s*[\[>,]")
+_IMAGE_FIELD = re.compile(
+    r"^[ \t]*sensor_msgs/(?:msg/)?(?:Compressed)?Image\b|\bsensor_msgs::msg::(?:Compressed)?Image\b", re.MULTILINE
+)
 Boxes = np.ndarray
 
 
@@ -48,6 +53,8 @@ class Redaction:
         kept: Number of messages that were copied byte for byte.
         unreadable: Numbers of images by topic that could not be decoded and were emptied.
         depth: Depth topics that were kept: they show shapes of people, without faces.
+        left_out: Numbers of messages by topic that were not copied: they hold pictures that cannot be redacted.
+        unknown: Types by topic of kept messages that may hold pictures: of another package, with bytes.
         perception: State of the perception for replays: "recorded", or why it is missing.
         files: Files that were copied beside the bag.
     """
@@ -59,6 +66,8 @@ class Redaction:
     kept: int = 0
     unreadable: dict[str, int] = field(default_factory=dict)
     depth: tuple[str, ...] = ()
+    left_out: dict[str, int] = field(default_factory=dict)
+    unknown: dict[str, str] = field(default_factory=dict)
     perception: str = ""
     files: tuple[str, ...] = ()
 
@@ -75,8 +84,9 @@ def redact(
 ) -> Redaction:
     """Write the bag ``source`` as the new bag ``out`` without recognisable pictures of people.
 
-    All other messages are copied byte for byte. The detections of ``graph`` in the images are stored in the folder of
-    the new bag, so that replays of it make the same decisions.
+    Video and types with images in their fields are left out; all other messages are copied byte for byte. The
+    detections of ``graph`` in the images are stored in the folder of the new bag, so that replays of it make the same
+    decisions.
 
     Args:
         source: The bag.
@@ -128,7 +138,26 @@ def has_pixels(path: Path) -> bool:
 def has_pictures(path: Path) -> bool:
     """Whether a bag has images or point clouds. Raises BagError."""
     with open_bag(path) as bag:
-        return any(topic.type in (*IMAGE_TYPES, POINTS) and topic.count for topic in bag.topics)
+        return any(
+            topic.count and (topic.type in (*IMAGE_TYPES, POINTS) or _holds_hidden_pictures(bag, topic.type))
+            for topic in bag.topics
+        )
+
+
+def _holds_hidden_pictures(bag: Bag, name: str) -> bool:
+    """Whether messages of a type hold video or images in a field. Textures of visualization_msgs are no pictures."""
+    if name in VIDEO_TYPES:
+        return True
+    fields = name not in IMAGE_TYPES and not name.startswith("visualization_msgs/")
+    return fields and _IMAGE_FIELD.search(bag.definition(name)[0]) is not None
+
+
+def _may_hold_pictures(bag: Bag, name: str) -> bool:
+    """Whether a type is not one of ROS or socialbot, and has bytes or no definition."""
+    if name in types_with(name).types:
+        return False
+    definition, _ = bag.definition(name)
+    return not definition or _BYTES_FIELD.search(definition) is not None
 
 
 def _perception(
@@ -150,7 +179,13 @@ def _perception(
 def _copy(bag: Bag, writer: BagWriter, made: Redaction, blurrer: PeopleBlurrer | None, kept: set[str]) -> None:
     types = RosbagsTypes()
     latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
+    hidden = {topic.name for topic in bag.topics if _holds_hidden_pictures(bag, topic.type)}
+    others = [topic for topic in bag.topics if topic.name not in hidden and _may_hold_pictures(bag, topic.type)]
+    made.unknown = {topic.name: topic.type for topic in others}
     for topic, time, name, data in bag.raw_messages({each.name: each.name for each in bag.topics}):
+        if topic in hidden:
+            made.left_out[topic] = made.left_out.get(topic, 0) + 1
+            continue
         if topic not in kept and name in (*IMAGE_TYPES, POINTS):
             if name == POINTS and blurrer is not None:
                 made.depth = tuple(sorted({*made.depth, topic}))

@@ -177,6 +177,41 @@ def test_a_bag_without_images_can_be_shared_as_it_is(tmp_path):
         redact(tmp_path / "words", tmp_path / "out", "blur")
 
 
+FIELDS = {
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "uint8[] data",
+    "foxglove_msgs/msg/CompressedVideo": "uint8[] data",
+    "realsense2_camera_msgs/msg/RGBD": "sensor_msgs/Image rgb\n====\nMSG: sensor_msgs/Image\nuint8[] data",
+    "visualization_msgs/msg/Marker": "sensor_msgs/CompressedImage texture",
+    "unitree_go/msg/Go2FrontVideoData": "uint8[] video720p",
+    "naoqi_bridge_msgs/msg/Bumper": "uint8 bumper  # not in a sensor_msgs/Image",
+    "my_msgs/msg/Undefined": "",
+}
+
+
+@pytest.mark.parametrize("privacy", ["blur", "no-images"])
+def test_pictures_in_fields_and_video_are_left_out(bag, tmp_path, privacy):
+    with open_bag(bag) as opened, BagWriter(tmp_path / "more") as writer:
+        for topic, time, name, data in opened.raw_messages({each.name: each.name for each in opened.topics}):
+            writer.write_raw(topic, name, data, time)
+        for name, definition in FIELDS.items():
+            writer.write_raw(f"/{name.split('/')[2]}", name, b"\0\1\0\0" + bytes(8), START, definition=definition)
+    made = redact(tmp_path / "more", tmp_path / "out", privacy, graph=waldo(bag))
+    assert made.left_out == {"/FFMPEGPacket": 1, "/CompressedVideo": 1, "/RGBD": 1}
+    assert set(made.unknown) == {"/Go2FrontVideoData", "/Undefined"}
+    with open_bag(made.path) as opened:
+        names = {topic.name for topic in opened.topics}
+    assert names.isdisjoint(made.left_out)
+    assert names >= {"/Marker", "/Go2FrontVideoData", "/Bumper", "/Undefined"}
+
+
+def test_a_bag_of_video_alone_is_redacted(tmp_path):
+    with BagWriter(tmp_path / "video") as writer:
+        writer.write("/speech/say", Utterance(stamp=SECOND, id="u", text="Hello"), SECOND)
+        writer.write_raw("/video", "foxglove_msgs/msg/CompressedVideo", bytes(12), SECOND, definition="uint8[] data")
+    made = redact(tmp_path / "video", tmp_path / "out", "blur")
+    assert (made.left_out, made.kept) == ({"/video": 1}, 1)
+
+
 @pytest.mark.slow
 def test_heads_of_labelled_people_are_blurred():
     from evaluation.privacy import covered
