@@ -183,6 +183,7 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
     for file in path.iterdir():
         _expect_end(file)
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
+    damage += [unread for file in files if (unread := _write_ahead_log(file))]
     packed = [file.name for file in sorted(path.glob("*.zstd"), key=natural) if Path(file.stem).suffix in _STORAGE]
     unpack = f"decompress with `zstd -d {path}/*.zstd`"
     read = f"{_READ}, not {', '.join(packed)}: {unpack}" if packed else _READ
@@ -205,11 +206,25 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
             damage.append(f"{metadata}: cannot be used: {str(error.__cause__ or error.what).rstrip('.')}; {read}")
     else:
         damage.append(f"{metadata}: missing; {read}")
-    return [open_file(file, damage) for file in files]
+    return [_open_file(file, damage) for file in files]
 
 
 def open_file(path: Path, damage: list[str]) -> Reader:
     """Open one file, or the intact part of a truncated one, which is added to ``damage``. Raises BagError."""
+    if unread := _write_ahead_log(path):
+        damage.append(unread)
+    return _open_file(path, damage)
+
+
+def _write_ahead_log(path: Path) -> str:
+    """Return the damage by messages beside a file of SQLite, which a killed recorder has not moved into it, or ''."""
+    log = path.with_name(f"{path.name}-wal")
+    if path.suffix != ".db3" or not log.is_file() or not log.stat().st_size:
+        return ""
+    return f"{log}: its messages are not read; move them into the bag: sqlite3 {path} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+
+
+def _open_file(path: Path, damage: list[str]) -> Reader:
     if path.suffix == ".zstd":
         raise BagError("a compressed file of a bag", where=str(path), remedy=f"decompress with `zstd -d {path}`")
     if path.suffix not in _REPAIRS:

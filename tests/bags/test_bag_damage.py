@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -279,3 +281,24 @@ def test_compressed_files_without_metadata_are_named(tmp_path: Path) -> None:
     shutil.copy(later / "later.db3", path)
     with open_bag(path) as bag:
         assert "not bag.db3.zstd: decompress with" in bag.damage[0]
+
+
+@pytest.mark.parametrize("kind", ["folder", "folder without metadata", "file"])
+def test_a_write_ahead_log_of_sqlite_is_told(tmp_path: Path, kind: str) -> None:
+    path = make(tmp_path / "bag", storage="sqlite3")
+    (file,) = path.glob("*.db3")
+    killed = tmp_path / "killed"
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute(
+            "INSERT INTO messages(topic_id, timestamp, data) SELECT topic_id, timestamp, data FROM messages"
+        )
+        database.commit()
+        shutil.copytree(path, killed)
+    with open_bag(path) as bag:
+        assert not bag.damage
+    if kind == "folder without metadata":
+        (killed / "metadata.yaml").unlink()
+    with open_bag(killed / file.name if kind == "file" else killed) as bag:
+        (told,) = [each for each in bag.damage if "metadata" not in each]
+    assert "bag.db3-wal: its messages are not read; move them into the bag: sqlite3" in told
