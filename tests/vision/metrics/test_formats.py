@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import json
 import time
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -16,10 +17,12 @@ from socialbot.vision.metrics.formats._labels import image_size, role_of
 from socialbot.vision.metrics.frames import FolderImages
 from tests.vision.metrics.label_files import (
     BOX,
+    CVAT_IMAGES,
     EXAMPLES,
     HEIGHT,
     KITTI,
     TRACKING,
+    VOC,
     WIDTH,
     YAML,
     YOLO,
@@ -335,6 +338,43 @@ def test_coco_videos_of_youtube_vis(tmp_path):
     assert not any(frame.persons for frame in second.frames)
     assert (first.identities, first.images.consecutive, first.frames[0].size) == (True, True, (WIDTH, HEIGHT))
     assert "not used: 1 box of class car" in first.notes
+
+
+def listed(*names: str) -> str:
+    images = [{"id": id, "file_name": name} for id, name in enumerate(names)]
+    return coco(images=images, annotations=[{"image_id": 0, "category_id": 3, "bbox": BOX}])
+
+
+@pytest.mark.parametrize("names", [("a.jpg", "b.jpg"), ("east/a.jpg", "b.jpg")])
+def test_image_that_may_be_one_of_several_is_refused(tmp_path, names):
+    write(tmp_path, {"labels.json": listed(*names)}, ("north/a.jpg", "south/a.jpg", "south/b.jpg"))
+    with pytest.raises(TruthError, match=rf"image {names[0]} may be .*north/a.jpg or .*south/a.jpg"):
+        one(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        ({"labels.json": listed("north/a.jpg", "south/a.jpg")}, "north/a.jpg and south/a.jpg are the same file"),
+        ({"labels.json": listed("a.jpg", "a.jpg")}, "a.jpg and a.jpg are the same file"),
+        ({"labels.xml": CVAT_IMAGES.replace("b.jpg", "a.png")}, "a.jpg and a.png are the same file"),
+        ({"a.xml": VOC, "b.xml": VOC}, "a.jpg and a.jpg are the same file"),
+    ],
+)
+def test_image_with_two_entries_is_refused(tmp_path, labels, words):
+    with pytest.raises(TruthError, match=words):
+        one(write(tmp_path, labels, ("north/a.jpg",) if "labels.json" in labels else ("a.jpg",)))
+
+
+def test_image_beside_masks_of_the_same_name(tmp_path):
+    images = ("JPEGImages/a.jpg", "SegmentationClass/a.png")
+    assert one(write(tmp_path, {"Annotations/a.xml": VOC}, images)).frames[0].name == "a.jpg"
+
+
+def test_name_with_composed_and_decomposed_letters(tmp_path):
+    composed, decomposed = (unicodedata.normalize(form, "Mädchen.jpg") for form in ("NFC", "NFD"))
+    assert one(write(tmp_path / "1", {"labels.json": listed(composed)}, (decomposed,))).frames
+    assert one(write(tmp_path / "2", {"labels.json": listed(decomposed)}, (composed,))).frames
 
 
 def test_missing_images_are_reported_and_none_is_an_error(tmp_path):

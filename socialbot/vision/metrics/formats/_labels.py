@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import struct
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -234,6 +235,12 @@ class Labels:
         category: Key = 1,
     ) -> LabelledSource:
         """Make a source of the images ``entries``, in order; other images have been left out."""
+        if isinstance(images, FolderImages):
+            [(path, count)] = Counter(images.images).most_common(1) or [("", 1)]
+            if count > 1:
+                same = [entry.name for entry, other in zip(entries, images.images, strict=True) if other == path]
+                what = f"the images {same[0]} and {same[1]} are the same file, {path}"
+                raise fault(what, self.path, "label each image once, with its folder in its name")
         ranged = any(person.distance_m is not None for there in self.persons.values() for person in there)
         frames = tuple(
             LabelledFrame(
@@ -301,10 +308,13 @@ class ImageFinder:
 
     def __init__(self, *roots: Path) -> None:
         self.roots = roots
-        self._index: dict[str, list[Path]] | None = None
+        self._index: dict[str, dict[Path, int]] | None = None  # images by name, with the numbers of their roots
 
     def find(self, name: str) -> Path | None:
-        """The image called ``name``, which may have no suffix, folders before it, or Windows separators."""
+        """The image called ``name``, which may have no suffix, folders before it, or Windows separators.
+
+        Raises TruthError if several images fit equally well.
+        """
         given = name.replace("\\", "/")
         parts = [part for part in given.split("/") if part not in ("", ".", "..") and ":" not in part]
         if not parts or "\0" in name:
@@ -315,13 +325,24 @@ class ImageFinder:
                 return path
         if self._index is None:
             self._index = {}
-            for path in (path for root in self.roots for path in images_below(root)):
-                for key in {path.name, path.stem}:
-                    self._index.setdefault(key, []).append(path)
-        found = self._index.get(parts[-1]) or self._index.get(Path(parts[-1]).stem) or []
-        # Of equal names, the one in the same folders.
-        ranked = sorted(dict.fromkeys(found), key=lambda path: (-_shared_end(path, parts), natural(path)))
-        return ranked[0] if ranked else None
+            for number, root in enumerate(self.roots):
+                for path in images_below(root):
+                    for key in {path.name, path.stem}:
+                        self._index.setdefault(_composed(key), {}).setdefault(path, number)
+        last = _composed(parts[-1])
+        found = self._index.get(last) or self._index.get(Path(last).stem) or {}
+        # Of equal names, the one in the same folders, then the one in the first root.
+        ranks = {path: (-_shared_end(path, parts), root) for path, root in found.items()}
+        best = [path for path, rank in ranks.items() if rank == min(ranks.values())]
+        if len(best) > 1:
+            what = f"image {name} may be {best[0]} or {best[1]}"
+            raise fault(what, best[0].parent, "write the folder into its name, or name one folder with --images")
+        return best[0] if best else None
+
+
+def _composed(name: str) -> str:
+    """A name with composed letters: file systems of macOS store others."""
+    return unicodedata.normalize("NFC", name)
 
 
 def _is_file(path: Path) -> bool:
