@@ -20,6 +20,7 @@ from tests.vision.metrics.label_files import (
     KITTI,
     MOT,
     SEQINFO,
+    TRACKING,
     WIDTH,
     one,
     write,
@@ -91,6 +92,39 @@ def test_mot_image_numbers_are_frames_where_they_fit(tmp_path):
     assert [len(frame.persons) for frame in source.frames] == [0, 0, 1]
     source = one(write(tmp_path / "other", {"gt.txt": "1,1,40,20,30,80,1,1,1\n"}, ("7.jpg", "8.jpg", "9.jpg")))
     assert [len(frame.persons) for frame in source.frames] == [1, 0, 0]
+
+
+@pytest.mark.parametrize("there", [(1, 2, 4), (2, 3, 4), (1, 3)])
+def test_mot_missing_image_does_not_move_the_labels_of_others(tmp_path, there):
+    text = "".join(f"{frame},1,{frame},20,30,80,1,1,1\n" for frame in (1, 2, 3, 4))
+    source = one(write(tmp_path, {"gt.txt": text}, tuple(f"{number:06}.jpg" for number in there)))
+    assert [frame.persons[0].x for frame in source.frames] == list(there)
+    lost = {1, 2, 3, 4} - set(there)
+    assert f"{len(lost)} labelled frames have no image; the last is frame {max(lost)}" in source.notes
+
+
+def test_mot_images_without_one_that_are_numbered_from_another_frame(tmp_path):
+    text = "".join(f"{frame},1,{frame},20,30,80,1,1,1\n" for frame in (1, 2, 3, 4))
+    source = one(write(tmp_path, {"gt.txt": text}, ("9.jpg", "10.jpg", "12.jpg")))
+    assert [frame.persons[0].x for frame in source.frames] == [1, 2, 4]
+    assert "image 9.jpg is taken for frame 1" in source.notes
+
+
+@pytest.mark.parametrize(
+    ("files", "images"),
+    [
+        ({"annotations.xml": CVAT_VIDEO}, "images/frame_{:06}.png"),
+        ({"label_02/0001.txt": TRACKING}, "image_02/0001/{:06}.png"),
+    ],
+)
+def test_labels_from_zero_and_images_from_one(tmp_path, files, images):
+    names = [images.format(number) for number in range(5)]
+    right = one(write(tmp_path / "right", files, tuple(names[:4])))
+    moved = one(write(tmp_path / "moved", files, tuple(names[1:])))
+    assert [frame.persons for frame in moved.frames] == [frame.persons for frame in right.frames]
+    assert [frame.stamp for frame in moved.frames] == [frame.stamp for frame in right.frames]
+    assert any(note.endswith("is taken for frame 0") for note in moved.notes)
+    assert not any("no image" in note for note in moved.notes)
 
 
 def test_mot_beside_a_video(tmp_path):

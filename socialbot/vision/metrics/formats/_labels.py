@@ -437,6 +437,34 @@ def number_in(name: str) -> int | None:
     return int(found[-1]) if found and len(found[-1]) < 16 else None
 
 
+def frames_of(paths: Sequence[Path], labels: Labels, first: int, step: int = 1) -> list[int]:
+    """Frames of the images of a recording: the numbers in their names.
+
+    They begin with ``first`` instead if the names begin with 0 or 1 and more labelled frames have an image then, or if
+    no labelled frame has the number of an image. Images whose names do not number them are taken in order.
+
+    Args:
+        paths: Images in natural order.
+        labels: Labels, whose keys are frames; notes are added to it.
+        first: First frame of the recording.
+        step: Difference of consecutive frames.
+    """
+    known = {int(key) for key in (*labels.persons, *labels.regions)}
+    written = [number for path in paths if (number := number_in(path.name)) is not None]
+    frames = list(range(first, first + step * len(paths), step))
+    if len(set(written)) == len(paths) > 0:
+        moved = [number - min(written) + first for number in written]
+        given = len(known.intersection(written))
+        if not given and known:
+            frames = max(moved, frames, key=lambda numbers: len(known.intersection(numbers)))
+        else:
+            fits = min(written) in (0, 1) and len(known.intersection(moved)) > given
+            frames = moved if fits else written
+        if frames != written:
+            labels.notes.append(f"image {paths[0].name} is taken for frame {frames[0]}")
+    return frames
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image, from its header where possible.
 

@@ -20,6 +20,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     first_folder,
+    frames_of,
     image_files,
     missing_images,
     number_in,
@@ -174,12 +175,8 @@ def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[Image
         frames = range(start, (min(stop, count - 1) if stop >= 0 else count - 1) + 1, _step(root))
         return film, [(frame, f"frame {frame}", round(frame * SECOND / film.rate_hz)) for frame in frames]
     paths = image_files(place)
-    written = [number_in(path.name) for path in paths]
-    known = {int(key) for key in (*labels.persons, *labels.regions)}
-    if None in written or len(set(written)) < len(written) or not known & set(written):
-        written = [start + index * _step(root) for index in range(len(paths))]
     labels.notes.append(f"{DEFAULT_RATE_HZ:g} images a second are assumed")
-    ordered = sorted((number or 0, path) for number, path in zip(written, paths, strict=True))
+    ordered = sorted(zip(frames_of(paths, labels, start, _step(root)), paths, strict=True))
     stamps = [round((number - ordered[0][0]) * SECOND / DEFAULT_RATE_HZ) for number, _ in ordered]
     numbered = [(number, path.name, stamp) for (number, path), stamp in zip(ordered, stamps, strict=True)]
     return sequence([path for _, path in ordered], stamps), numbered

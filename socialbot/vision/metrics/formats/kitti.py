@@ -20,11 +20,11 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     first_line,
+    frames_of,
     image_files,
     is_number,
     lines_of,
     missing_images,
-    number_in,
     numbers,
     refuse_score,
     sequence,
@@ -108,9 +108,7 @@ def _tracking(file: Path, place: Path, people: Sequence[str]) -> LabelledSource:
     paths = image_files(place)
     if not paths:
         raise ImageError("no images", where=str(place), remedy="name their folder with --images")
-    frames = [number if (number := number_in(path.name)) is not None else index for index, path in enumerate(paths)]
-    if len(set(frames)) < len(frames):
-        frames = list(range(len(paths)))
+    frames = frames_of(paths, labels, 0)
     stamps = [round((frame - min(frames)) * SECOND / RATE_HZ) for frame in frames]
     order = sorted(range(len(paths)), key=frames.__getitem__)
     entries = [Entry(frames[each], paths[each].name, stamps[each], frames[each] + 1) for each in order]

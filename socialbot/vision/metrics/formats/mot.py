@@ -22,9 +22,9 @@ from socialbot.vision.metrics.formats._labels import (
     fault,
     first_folder,
     first_line,
+    frames_of,
     image_files,
     lines_of,
-    number_in,
     numbers,
     read_text,
     refuse_score,
@@ -214,10 +214,8 @@ def _images(
     if rate is None:
         labels.notes.append(f"no frame rate in seqinfo.ini: {DEFAULT_RATE_HZ:g} images a second are assumed")
     paths = image_files(place)
-    written = [number_in(path.name) for path in paths]
-    usable = None not in written and len(set(written)) == len(written) and known <= set(written)
-    frames = [number or 0 for number in written] if usable else list(range(first, first + len(paths)))
-    if usable and 0 in frames and first == 1:
+    frames = frames_of(paths, labels, first)
+    if 0 in frames and first == 1:
         labels.notes.append("image 0 has no label: the numbers of the images are taken for frames")
     order = sorted(range(len(paths)), key=frames.__getitem__)
     stamps = [round((frames[number] - min(frames)) * SECOND / (rate or DEFAULT_RATE_HZ)) for number in order]
