@@ -22,7 +22,7 @@ _SCAN = b"\xff\xda"
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Decode an image file: shape (height, width, 3), uint8, BGR, as stored, whatever its orientation.
+    """Decode an image file: shape (height, width, 3), uint8, BGR, turned as its EXIF orientation says.
 
     Raises ImageError if it cannot be read or decoded, or has more than `IMAGE_PIXELS`.
     """
@@ -30,17 +30,17 @@ def read_image(path: Path) -> np.ndarray:
         data = read_bytes(path)
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
-    return decode_image(data, where=str(path))
+    return decode_image(data, where=str(path), turned=True)
 
 
-def decode_image(data: bytes, *, where: str) -> np.ndarray:
-    """Decode the content of an image file as `read_image` does. Errors name ``where``."""
+def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray:
+    """Decode the content of an image file as `read_image` does; as stored unless ``turned``. Errors name ``where``."""
     if data.startswith(_PNG) and not is_complete_png(data):
         raise ImageError("the file is truncated", where=where, remedy=_REMEDY)
     if has_too_many_scans(data):
         raise ImageError(f"more than {JPEG_SCANS} scans", where=where, remedy=_REMEDY)
     try:
-        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        flags = cv2.IMREAD_COLOR if turned else cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error as error:
         what = too_many_pixels() if "MAX_IMAGE_PIXELS" in str(error) else f"cannot be decoded: {error.err}"

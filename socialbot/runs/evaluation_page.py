@@ -227,8 +227,10 @@ def _load_images(shots: Sequence[Snapshot]) -> dict[tuple[str, int], Still]:
         for encoded in next(iter(by_stamp.values())).source.images.read():
             shot = by_stamp.get(encoded.stamp)
             with suppress(ImageError):
-                if shot is not None and (still := thumbnail(encoded.bgr(), _boxes(shot), _caption(shot))):
-                    found[name, encoded.stamp] = still
+                if shot is not None:
+                    pixels = encoded.bgr(shot.scored.frame.size)
+                    if still := thumbnail(pixels, _boxes(shot), _caption(shot)):
+                        found[name, encoded.stamp] = still
     return found
 
 

@@ -140,3 +140,26 @@ def test_a_jpeg_of_many_scans_is_refused(tmp_path: Path) -> None:
         read_image(path)
     with pytest.raises(ImageError, match="scans"):
         bgr_from_compressed(message(path.read_bytes()))
+
+
+def turned_jpeg(pixels: np.ndarray) -> bytes:
+    """A JPEG that is stored with the left side up, as cameras held upright do."""
+    tiff = b"II*\0" + struct.pack("<IHHHIII", 8, 1, 0x112, 3, 1, 6, 0)
+    exif = b"Exif\0\0" + tiff
+    data = cv2.imencode(".jpg", cv2.rotate(pixels, cv2.ROTATE_90_COUNTERCLOCKWISE))[1].tobytes()
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
+
+
+def test_images_of_a_file_are_turned_as_they_are_shown(tmp_path: Path) -> None:
+    shown = np.zeros((160, 120, 3), np.uint8)
+    shown[:40] = 200
+    path = tmp_path / "a.jpg"
+    path.write_bytes(turned_jpeg(shown))
+    assert image_size(path) == (120, 160)
+    for pixels in (read_image(path), open_frames(str(tmp_path)).read()):
+        assert pixels is not None
+        np.testing.assert_allclose(pixels, shown, atol=8)
+    assert import_bag(str(tmp_path), tmp_path / "bag").height == 160
+    # Pixels of a camera are those of the sensor, which its CameraInfo describes.
+    message = CompressedImage(stamp=0, frame_id="", format="jpeg", data=np.frombuffer(path.read_bytes(), np.uint8))
+    assert bgr_from_compressed(message).shape == (120, 160, 3)

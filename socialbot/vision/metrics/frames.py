@@ -61,15 +61,22 @@ class EncodedImage(NamedTuple):
     name: str = ""
     sensors: DepthSensors | None = None
 
-    def bgr(self) -> np.ndarray:
-        """Decode to shape (height, width, 3), uint8, BGR. Raises ImageError for a damaged image."""
+    def bgr(self, size: tuple[int, int] | None = None) -> np.ndarray:
+        """Decode to shape (height, width, 3), uint8, BGR.
+
+        A file is turned as its EXIF orientation says, unless only the stored pixels have the labelled ``size``. Raises
+        ImageError for a damaged image.
+        """
         if isinstance(self.content, np.ndarray):
             return self.content
         if isinstance(self.content, Image):
             return bgr_from_image(self.content)
         if isinstance(self.content, CompressedImage):
             return bgr_from_compressed(self.content)
-        return decode_image(self.content, where=self.name)
+        pixels = decode_image(self.content, where=self.name, turned=True)
+        if size is not None and size == pixels.shape[:2] != size[::-1]:
+            pixels = decode_image(self.content, where=self.name)
+        return pixels
 
 
 @dataclass(frozen=True)

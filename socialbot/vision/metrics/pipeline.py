@@ -217,13 +217,13 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
     frames: list[FoundFrame] = []
     damaged, first = 0, ""
     for number, encoded in enumerate(job.images.read(), 1):
+        labelled = job.sizes.get(encoded.stamp)
         try:
-            image = encoded.bgr()
+            image = encoded.bgr(labelled)
         except ImageError as error:
             damaged, first = damaged + 1, first or str(error)
             continue
         height, width = image.shape[:2]
-        labelled = job.sizes.get(encoded.stamp)
         if labelled is not None and labelled != (width, height):
             what = f"has {width}x{height} pixels, but its labels are for {labelled[0]}x{labelled[1]}"
             error = ImageError(what, where=encoded.name, remedy="give the images that were labelled")

@@ -8,6 +8,8 @@ import time
 import unicodedata
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from socialbot.core.clock import SECOND
@@ -15,6 +17,7 @@ from socialbot.core.errors import ImageError, ParameterError, TruthError
 from socialbot.vision.metrics.formats import FORMATS, labelled_sources, sniff
 from socialbot.vision.metrics.formats._labels import image_size, role_of
 from socialbot.vision.metrics.frames import FolderImages
+from tests.bags.test_image_files import turned_jpeg
 from tests.vision.metrics.label_files import (
     BOX,
     CVAT_IMAGES,
@@ -635,6 +638,24 @@ def test_broken_voc(tmp_path, text, message):
 def test_size_of_an_image(tmp_path, suffix):
     write(tmp_path, {}, (f"a{suffix}",))
     assert image_size(tmp_path / f"a{suffix}") == (WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("size", [None, (WIDTH, HEIGHT), (HEIGHT, WIDTH)])
+def test_turned_image_is_read_as_it_was_labelled(tmp_path, size):
+    stored = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    (tmp_path / "a.jpg").write_bytes(turned_jpeg(cv2.rotate(stored, cv2.ROTATE_90_CLOCKWISE)))
+    about = {} if size is None else dict(zip(("width", "height"), size, strict=True))
+    write(tmp_path, {"x.json": coco(images=[{"id": 7, "file_name": "a.jpg", **about}], annotations=[])}, ())
+    [source] = labelled_sources(tmp_path)
+    [encoded] = source.images.read()
+    height, width = encoded.bgr(source.frames[0].size).shape[:2]
+    assert (width, height) == (size or (HEIGHT, WIDTH))
+
+
+def test_yolo_shares_are_those_of_the_image_as_it_is_shown(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(turned_jpeg(np.zeros((WIDTH, HEIGHT, 3), np.uint8)))
+    source = one(write(tmp_path, {"classes.txt": "person\n", "a.txt": "0 0.5 0.25 0.5 0.5\n"}, ()))
+    assert source.frames[0].persons[0].box == (HEIGHT / 4, 0, HEIGHT / 2, WIDTH / 2)
 
 
 def test_size_of_no_image(tmp_path):

@@ -466,7 +466,7 @@ def frames_of(paths: Sequence[Path], labels: Labels, first: int, step: int = 1) 
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image, from its header where possible.
+    """Width and height of an image as it is shown, from its header where possible.
 
     Raises:
         ImageError: It cannot be read.
@@ -476,7 +476,8 @@ def image_size(path: Path) -> tuple[int, int]:
             head = file.read(1 << 16)
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
-    size = _png_size(head) or _jpeg_size(head)
+    # EXIF may turn the image.
+    size = None if b"exif" in head.lower() else _png_size(head) or _jpeg_size(head)
     if size is None:
         pixels = read_image(path)
         size = pixels.shape[1], pixels.shape[0]
