@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
-from socialbot.bags.image_files import SUFFIXES, open_video, read_image
+from socialbot.bags.image_files import SUFFIXES, open_video, read_image, video_stamps
 from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
@@ -29,8 +29,6 @@ log = logging.getLogger("socialbot.bags")
 
 TOPIC = "/camera/image_raw/compressed"
 FRAME_ID = "camera_color_optical_frame"
-
-_DEFAULT_RATE_HZ = 30.0
 
 Frames = Generator[tuple[int, np.ndarray], None, None]
 """Stamp (ns) and image: uint8, shape (height, width, 3), BGR."""
@@ -231,18 +229,11 @@ def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
 def _video(path: Path, start: int) -> Frames:
     capture = open_video(path)
     try:
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        period = round(SECOND / (rate if 0 < rate <= 1000 else _DEFAULT_RATE_HZ))
-        first = last = None
-        while True:
-            good, pixels = capture.read()
+        for stamp in video_stamps(capture):
+            good, pixels = capture.retrieve()
             if not good:
                 break
-            time = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-            first = time if first is None else first
-            # Some containers have no time stamps, and some repeat them.
-            last = start if last is None else start + time - first if start + time - first > last else last + period
-            yield last, pixels
+            yield start + stamp, pixels
     finally:
         capture.release()
 

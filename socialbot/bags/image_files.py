@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
 from socialbot.core.reading import open_file, read_bytes
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Suffixes of images in a folder."""
+
+DEFAULT_RATE_HZ = 30.0
+"""Rate of a video that does not say it."""
 
 _REMEDY = "remove or replace this image"
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -79,6 +84,19 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
     what = too_many_pixels() if capture.isOpened() else "cannot be opened as a video"
     capture.release()
     raise ImageError(what, where=str(path), remedy="convert it to mp4, avi or mkv, with smaller frames")
+
+
+def video_stamps(capture: cv2.VideoCapture) -> Iterator[int]:
+    """Take the images of a video one after the other; yields their stamps, ns, from 0 and ascending."""
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    period = round(SECOND / (rate if 0 < rate <= 1000 else DEFAULT_RATE_HZ))
+    first = last = None
+    while capture.grab():
+        time = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        first = time if first is None else first
+        # Some containers have no time stamps, and some repeat them.
+        last = 0 if last is None else time - first if time - first > last else last + period
+        yield last
 
 
 def too_many_pixels() -> str:

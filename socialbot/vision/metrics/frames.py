@@ -135,20 +135,21 @@ class FolderImages:
 
 @dataclass(frozen=True)
 class VideoImages:
-    """Images of a video file, ``rate_hz`` a second."""
+    """Images of a video file with their ``stamps``, ns."""
 
     path: str
-    rate_hz: float
+    stamps: tuple[int, ...]
     consecutive = True
 
     def read(self) -> Iterator[EncodedImage]:
         """Read the images in order. Raises ImageError for an unreadable file."""
         capture = open_video(self.path)
         try:
-            number = 0
-            while (read := capture.read())[0]:
-                yield EncodedImage(round(number * SECOND / self.rate_hz), read[1], name=f"{self.path}: frame {number}")
-                number += 1
+            for number, stamp in enumerate(self.stamps):
+                good, pixels = capture.read()
+                if not good:
+                    break
+                yield EncodedImage(stamp, pixels, name=f"{self.path}: frame {number}")
         finally:
             capture.release()
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -141,6 +144,42 @@ def test_mot_beside_a_video(tmp_path):
     # The video may be somewhere else.
     other = write(tmp_path / "other", {"gt.txt": MOT}, ())
     assert one(tmp_path / "hall.avi", other / "gt.txt").frames == source.frames
+
+
+TIMES_MS = (0, 33, 66, 500, 900)
+
+
+def film_of_a_phone(path: Path, **options: str) -> Path:
+    """Write a video with a variable frame rate, each image brighter than the one before."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w", options=options) as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for number, time_ms in enumerate(TIMES_MS):
+            frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), 40 * number, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = time_ms, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize(("suffix", "options"), [(".mp4", {}), (".mkv", {}), (".mkv", {"live": "1"})])
+def test_video_with_a_variable_frame_rate_has_its_own_times(tmp_path, suffix, options):
+    film_of_a_phone(tmp_path / f"hall{suffix}", **options)
+    source = one(write(tmp_path, {"gt.txt": MOT}, ()))
+    assert [frame.stamp for frame in source.frames] == [time * SECOND // 1000 for time in TIMES_MS]
+    read = [(each.stamp, round(each.bgr().mean() / 40)) for each in source.images.read()]
+    assert read == [(frame.stamp, number) for number, frame in enumerate(source.frames)]
+
+
+def test_labelled_images_of_a_video_with_a_variable_frame_rate(tmp_path):
+    film_of_a_phone(tmp_path / "hall.mkv")
+    text = CVAT_IMAGES.replace("a.jpg", "frame_000002").replace("b.jpg", "frame_000004")
+    source = one(write(tmp_path, {"annotations.xml": text}, ()))
+    assert [frame.stamp for frame in source.frames] == [TIMES_MS[2] * SECOND // 1000, TIMES_MS[4] * SECOND // 1000]
+    source = one(write(tmp_path, {"annotations.xml": CVAT_VIDEO}, ()))
+    assert [frame.stamp for frame in source.frames] == [time * SECOND // 1000 for time in TIMES_MS]
 
 
 def test_many_mot_sequences(tmp_path):

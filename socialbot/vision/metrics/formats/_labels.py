@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-import cv2
-
-from socialbot.bags.image_files import open_video, read_image
+from socialbot.bags.image_files import open_video, read_image, video_stamps
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, TruthError
@@ -34,7 +32,6 @@ from socialbot.vision.metrics.truth import Person, Region, utf8
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm"})
-DEFAULT_RATE_HZ = 30.0
 DEEP = 6  # Folders are searched for images down to this depth.
 
 Role = Literal["person", "ignored", "region", "other"]
@@ -415,20 +412,21 @@ def sequence(paths: Sequence[Path], stamps: Sequence[int]) -> FolderImages:
     return FolderImages("", tuple(map(str, paths)), tuple(stamps), consecutive=True)
 
 
-def video(path: Path, rate_hz: float | None = None) -> tuple[VideoImages, int]:
-    """Open a video at its own or the given rate; returns also its number of images.
+def video(path: Path, rate_hz: float | None = None) -> VideoImages:
+    """Open a video, with the given rate or its own time stamps.
 
     Raises:
-        ImageError: It cannot be read, or does not say how long it is.
+        ImageError: It cannot be read.
     """
     capture = open_video(path)
     try:
-        count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
-        if not 0 < count < 1e8:
-            raise ImageError("cannot be opened as a video", where=str(path), remedy="convert it to mp4, avi or mkv")
+        # The number of images in a header is often a guess.
+        stamps = tuple(video_stamps(capture))
     finally:
         capture.release()
-    return VideoImages(str(path), rate_hz or (rate if 0 < rate <= 1000 else DEFAULT_RATE_HZ)), int(count)
+    if rate_hz is not None:
+        stamps = tuple(round(number * SECOND / rate_hz) for number in range(len(stamps)))
+    return VideoImages(str(path), stamps)
 
 
 def number_in(name: str) -> int | None:

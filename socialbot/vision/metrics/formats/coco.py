@@ -13,12 +13,12 @@ from typing import Any
 
 import msgspec
 
+from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import TruthError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
-    DEFAULT_RATE_HZ,
     Entry,
     ImageFinder,
     Labels,

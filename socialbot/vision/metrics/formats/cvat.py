@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
+from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
-    DEFAULT_RATE_HZ,
     VIDEO_SUFFIXES,
     Entry,
     ImageFinder,
@@ -99,16 +99,16 @@ def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSourc
 
 def _frames(root: Element, labels: Labels, film: Path) -> LabelledSource:
     """Images that are frames of a video, with the number of the frame in their names."""
-    pictures, count = video(film)
+    pictures = video(film)
     entries, lost = [], []
     for each in root.findall("image"):
         name = each.get("name") or ""
         frame = number_in(name)
-        if frame is None or frame >= count:
+        if frame is None or frame >= len(pictures.stamps):
             lost.append(name)
             continue
         size = _whole(each.get("width"), each.get("height"))
-        entries.append(Entry(frame, name, round(frame * SECOND / pictures.rate_hz), frame + 1, size))
+        entries.append(Entry(frame, name, pictures.stamps[frame], frame + 1, size))
         for shape in each:
             _add(labels, frame, shape, shape.get("label") or "", "")
     missing_images(lost, len(entries) + len(lost), film, labels)
@@ -171,9 +171,10 @@ def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[Image
         )
     start, stop = _number(root, "start_frame", 0), _number(root, "stop_frame", -1)
     if place is None:
-        film, count = video(films[0])
-        frames = range(start, (min(stop, count - 1) if stop >= 0 else count - 1) + 1, _step(root))
-        return film, [(frame, f"frame {frame}", round(frame * SECOND / film.rate_hz)) for frame in frames]
+        film = video(films[0])
+        count = len(film.stamps)
+        frames = range(start, min(stop + 1, count) if stop >= 0 else count, _step(root))
+        return film, [(frame, f"frame {frame}", film.stamps[frame]) for frame in frames]
     paths = image_files(place)
     labels.notes.append(f"{DEFAULT_RATE_HZ:g} images a second are assumed")
     ordered = sorted(zip(frames_of(paths, labels, start, _step(root)), paths, strict=True))

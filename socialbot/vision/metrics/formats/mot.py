@@ -10,12 +10,12 @@ import configparser
 from collections.abc import Sequence
 from pathlib import Path
 
+from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
-    DEFAULT_RATE_HZ,
     VIDEO_SUFFIXES,
     Entry,
     Labels,
@@ -208,9 +208,8 @@ def _images(
     if place is None:
         if len(videos) > 1:
             raise fault(f"{len(videos)} videos: {videos[0].name}, ...", folder, "name the one to use with --images")
-        film, count = video(videos[0], rate)
-        stamps = {first + number: round(number * SECOND / film.rate_hz) for number in range(count)}
-        return film, [Entry(frame, f"frame {frame}", stamp, frame) for frame, stamp in stamps.items()]
+        film = video(videos[0], rate)
+        return film, [Entry(frame, f"frame {frame}", stamp, frame) for frame, stamp in enumerate(film.stamps, first)]
     if rate is None:
         labels.notes.append(f"no frame rate in seqinfo.ini: {DEFAULT_RATE_HZ:g} images a second are assumed")
     paths = image_files(place)
