@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import re
 import time
 import unicodedata
 from pathlib import Path
@@ -478,6 +479,29 @@ def test_yolo_parts_of_darknet(tmp_path):
     files = {"train/_darknet.labels": "person\ncar\ndog\n", "train/a.txt": YOLO, "valid/b.txt": ""}
     first, second = labelled_sources(write(tmp_path, files, ("train/a.jpg", "valid/b.jpg")))
     assert (len(first.frames[0].persons), len(second.frames[0].persons)) == (1, 0)
+
+
+@pytest.mark.parametrize("folder", ["labels/", ""])
+def test_yolo_label_files_without_an_image_are_told(tmp_path, folder):
+    files = {"classes.txt": "person\ncar\ndog\n", **{f"{folder}{name}.txt": YOLO for name in "abc"}}
+    write(tmp_path, {**files, f"{folder}train.txt": "a.jpg\n"}, ("images/a.jpg" if folder else "a.jpg",))
+    assert f"2 label files have no image, the first: {tmp_path}/{folder}b.txt" in one(tmp_path).notes
+
+
+def test_yolo_label_files_of_another_part_have_an_image(tmp_path):
+    files = {"data.yaml": YAML.replace("images/train", "train.txt").replace("images/val", "val.txt")}
+    lists = {f"{part}.txt": f"./images/{name}.jpg\n" for part, name in (("train", "a"), ("val", "b"))}
+    labels = {f"labels/{name}.txt": YOLO for name in "ab"}
+    write(tmp_path, {**files, **lists, **labels}, ("images/a.jpg", "images/b.jpg"))
+    assert not any("no image" in note for source in labelled_sources(tmp_path) for note in source.notes)
+
+
+@pytest.mark.parametrize("name", ["kitti", "voc"])
+def test_images_without_a_label_file_are_told(tmp_path, name):
+    _, files, [image, *_] = EXAMPLES[name]
+    others = [image.replace("a.jpg", other).replace("000004.png", other) for other in ("x.jpg", "y.jpg")]
+    [note] = [note for note in one(write(tmp_path, files, (image, *others))).notes if "not used: " not in note]
+    assert re.fullmatch(r"2 images in \w+ have no (label|XML) file and are not used", note)
 
 
 def test_yolo_without_names(tmp_path):

@@ -381,6 +381,14 @@ def missing_images(missing: Sequence[str], total: int, where: Path, labels: Labe
         labels.notes.append(f"{len(missing)} of {total} images are missing, the first: {missing[0]}")
 
 
+def unlabelled_images(files: Sequence[Path], what: str, labels: Labels) -> None:
+    """Note images beside the labelled ones ``files`` that have no label file ``what``."""
+    place = files[0].parent if files else None
+    count = len(set(image_files(place)) - set(files)) if place is not None else 0
+    if place is not None and count:
+        labels.notes.append(f"{count} images in {place.name} have no {what} and are not used")
+
+
 def single_images(paths: Sequence[Path]) -> tuple[FolderImages, tuple[int, ...]]:
     """Independent images, and their stamps."""
     return FolderImages("", tuple(map(str, paths))), tuple(number * IMAGE_NS for number in range(len(paths)))

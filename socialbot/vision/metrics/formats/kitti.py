@@ -30,6 +30,7 @@ from socialbot.vision.metrics.formats._labels import (
     sequence,
     single_images,
     text_files,
+    unlabelled_images,
 )
 from socialbot.vision.metrics.frames import LabelledSource
 
@@ -82,6 +83,8 @@ def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = (
     found = {file.stem: finder.find(f"{file.stem}.png") for file in files}
     missing_images([stem for stem, image in found.items() if image is None], len(files), place, labels)
     there = {stem: image for stem, image in found.items() if image is not None}
+    if path.is_dir():
+        unlabelled_images(list(there.values()), "label file", labels)
     pictures, stamps = single_images(list(there.values()))
     entries = [Entry(stem, image.name, stamp) for (stem, image), stamp in zip(there.items(), stamps, strict=True)]
     base = folder.parent if folder.parent.name != "training" else folder.parent.parent

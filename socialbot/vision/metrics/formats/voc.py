@@ -14,11 +14,11 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     folders_in,
-    image_files,
     missing_images,
     numbers,
     role_of,
     single_images,
+    unlabelled_images,
 )
 from socialbot.vision.metrics.formats._xml import at, read_xml, root_tag
 from socialbot.vision.metrics.frames import LabelledSource
@@ -78,10 +78,8 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
         Entry(key, image.name, stamp, None, size)
         for (key, (image, size)), stamp in zip(found.items(), stamps, strict=True)
     ]
-    place = next(iter(found.values()))[0].parent if found else base
-    unlabelled = len(image_files(place)) - len(entries)
-    if path.is_dir() and unlabelled > 0:
-        labels.notes.append(f"{unlabelled} images in {place.name} have no XML file and are not used")
+    if path.is_dir():
+        unlabelled_images([image for image, _ in found.values()], "XML file", labels)
     part = f"/{folder.name}" if folder.parent.name.lower() == "annotations" and folder.name != "xmls" else ""
     return [labels.source(base.resolve().name + part, "voc", pictures, entries)]
 

@@ -7,6 +7,7 @@ names are in data.yaml, classes.txt or a .names file. An image without a file, o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,11 +115,16 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
         raise ImageError("no images", where=str(folder), remedy="put them into images/, or give --images")
     if not any(file for part in files.values() for file in part.values()):
         raise fault("no image has a label file", where, "put NAME.txt for NAME.jpg into a folder labels")
+    used = {file for there in files.values() for file in there.values() if file is not None}
+    beside = sorted(file for place in {file.parent for file in used} for file in place.glob("*.txt"))
+    lost = [file for file in beside if file not in used and _is_labels(file)]
+    note = f"{len(lost)} label files have no image, the first: {lost[0]}" if lost else ""
     title = (folder.parent if _holds_labels(folder) else folder).resolve().name
-    return [
+    first, *others = (
         _source("/".join(word for word in (title, part) if word), there, names, where, keypoints, people)
         for part, there in files.items()
-    ]
+    )
+    return [replace(first, notes=(*first.notes, note)) if note else first, *others]
 
 
 def _holds_labels(folder: Path) -> bool:
