@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from socialbot.core.errors import RunError
@@ -20,11 +21,11 @@ MOMENT_S = 0.5
 """Duration of an annotation for an event without a duration."""
 COLUMNS = ("time_s", "stamp_ns", "frame", "source", "kind", "what", "id", "cause")
 
-BEGIN, END = ("belief", "goal"), ("unbelief", "achieved", "failed", "dropped")
-"""Kinds of records between which a belief or goal lasts."""
+ENDS = {"unbelief": "belief", "achieved": "goal", "failed": "goal", "dropped": "goal"}
+"""Kinds of records that end a belief or a goal."""
 
-Annotation = tuple[float, float, str]
-"""Begin and end (s), and text."""
+Annotation = tuple[float, float | None, str]
+"""Begin and end (s), and text; events have no end."""
 
 
 def write_csv(run: RecordedRun, path: Path) -> int:
@@ -62,6 +63,7 @@ def write_elan(run: RecordedRun, path: Path) -> int:
     """Write tiers of annotations: visitors, speech, and the beliefs, goals and actions of each agent.
 
     The tiers of visitors have the whole visit; a belief lasts until it is removed, speech until it has ended.
+    Those that overlap others of their tier are in further tiers.
 
     Returns:
         The number of annotations.
@@ -70,8 +72,12 @@ def write_elan(run: RecordedRun, path: Path) -> int:
         RunError: The file cannot be written.
         TruthError: The ground truth beside the bag is unreadable.
     """
-    tiers = {name: _apart(found) for name, found in _tiers(run).items()}
-    times = sorted({round(time * 1000) for found in tiers.values() for each in found for time in each[:2]})
+    tiers = {
+        f"{name} ({number})" if number > 1 else name: found
+        for name, annotations in _tiers(run).items()
+        for number, found in enumerate(_apart(annotations), 1)
+    }
+    times = sorted({time for found in tiers.values() for each in found for time in each[:2]})
     document = ElementTree.Element(
         "ANNOTATION_DOCUMENT", AUTHOR="", DATE="1970-01-01T00:00:00+00:00", FORMAT="3.0", VERSION="3.0"
     )
@@ -89,12 +95,11 @@ def write_elan(run: RecordedRun, path: Path) -> int:
         tier = ElementTree.SubElement(
             document, "TIER", LINGUISTIC_TYPE_REF="default-lt", TIER_ID=without_controls(name)
         )
-        for begin_s, end_s, text in found:
+        for begin, end, text in found:
             count += 1
-            begin, end = slots[round(begin_s * 1000)], slots[round(end_s * 1000)]
             annotation = ElementTree.SubElement(
                 ElementTree.SubElement(tier, "ANNOTATION"), "ALIGNABLE_ANNOTATION",
-                ANNOTATION_ID=f"a{count}", TIME_SLOT_REF1=begin, TIME_SLOT_REF2=end,
+                ANNOTATION_ID=f"a{count}", TIME_SLOT_REF1=slots[begin], TIME_SLOT_REF2=slots[end],
             )  # fmt: skip
             ElementTree.SubElement(annotation, "ANNOTATION_VALUE").text = without_controls(text)
     ElementTree.SubElement(
@@ -124,40 +129,42 @@ def _spoken(run: RecordedRun) -> Iterator[tuple[str, Annotation]]:
             begin = min((each.stamp for each in states if each.what == "started"), default=record.stamp)
             end = max((each.stamp for each in states), default=0)
             begin_s, end_s = run.history.seconds(begin), run.history.seconds(end)
-            yield "speech", (begin_s, end_s if end > begin else begin_s + MOMENT_S, record.what)
+            yield "speech", (begin_s, end_s if end > begin else None, record.what)
 
 
 def _thought(run: RecordedRun) -> Iterator[tuple[str, Annotation]]:
     """Yield the beliefs and goals of each agent until they end, and its actions."""
-    held: dict[tuple[str, str], tuple[str, float]] = {}
+    held: dict[tuple[str, str, str], tuple[str, float]] = {}
     for record in run.history:
-        at_s, key = run.history.seconds(record.stamp), (record.source, record.what)
+        at_s, key = run.history.seconds(record.stamp), (record.source, ENDS.get(record.kind, record.kind), record.what)
         if record.kind == "action":
-            yield f"{record.source}: actions", (at_s, at_s + MOMENT_S, record.what)
-        elif record.kind in BEGIN:
+            yield f"{record.source}: actions", (at_s, None, record.what)
+        elif record.kind in ENDS.values():
             tier = f"{record.source}: {record.kind}s"
             if record.kind == "belief":
                 tier += f", {record.what.partition('(')[0]}"
             held.setdefault(key, (tier, at_s))
-        elif record.kind in END and key in held:
+        elif key in held:
             tier, began_s = held.pop(key)
             yield tier, (began_s, at_s, record.what)
-    for (_, what), (tier, began_s) in held.items():
+    for (_, _, what), (tier, began_s) in held.items():
         yield tier, (began_s, run.history.duration_s, what)
 
 
-def _apart(found: list[Annotation]) -> list[Annotation]:
-    """Return annotations that do not overlap, as a tier requires: each ends where the next one begins at the latest.
+def _apart(found: list[Annotation]) -> list[list[tuple[int, int, str]]]:
+    """Return annotations in ms in groups that do not overlap, as tiers require.
 
-    Annotations that begin at the same time become one.
+    Events last `MOMENT_S`, or until the next annotation begins.
     """
-    merged: list[Annotation] = []
-    for begin_s, end_s, text in sorted(found):
-        end_s = max(end_s, begin_s + 0.001)
-        if merged and round(merged[-1][0], 3) == round(begin_s, 3):
-            merged[-1] = (merged[-1][0], max(merged[-1][1], end_s), f"{merged[-1][2]}; {text}")
-            continue
-        if merged and merged[-1][1] > begin_s:
-            merged[-1] = (merged[-1][0], begin_s, merged[-1][2])
-        merged.append((begin_s, end_s, text))
-    return merged
+    begins = sorted({round(begin_s * 1000) for begin_s, _, _ in found})
+    following = dict(pairwise(begins))
+    groups: list[list[tuple[int, int, str]]] = []
+    for begin_s, end_s, text in sorted(found, key=lambda each: each[0]):
+        begin = round(begin_s * 1000)
+        moment = begin + round(MOMENT_S * 1000)
+        end = min(moment, following.get(begin, moment)) if end_s is None else max(round(end_s * 1000), begin + 1)
+        group = next((each for each in groups if each[-1][1] <= begin), None)
+        if group is None:
+            groups.append(group := [])
+        group.append((begin, end, text))
+    return groups

@@ -11,9 +11,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
+from socialbot.core.messages import TraceRecord
 from socialbot.runs.annotations import COLUMNS, write_csv, write_elan
-from socialbot.runs.folder import open_run
+from socialbot.runs.folder import RecordedRun, open_run
 from tests.runs.runs import greeting
 from tests.system.running import socialbot_here
 
@@ -80,6 +82,45 @@ def test_annotations_of_a_tier_do_not_overlap(folder: Path, tmp_path: Path):
     for tier in tiers(tmp_path / "run.eaf").values():
         assert all(begin < end for begin, end, _ in tier)
         assert all(first[1] <= second[0] for first, second in pairwise(tier))
+
+
+def run_of(folder: Path, *records: tuple[float, str, str]) -> RecordedRun:
+    """Write a run of records of one agent, with time (s), kind and text."""
+    folder.mkdir()
+    lines = [
+        TraceRecord(stamp=round(time_s * SECOND), id=f"r{number}", source="cook", kind=kind, what=what)
+        for number, (time_s, kind, what) in enumerate(records)
+    ]
+    (folder / "trace.jsonl").write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
+    return open_run(folder)
+
+
+def test_annotations_that_overlap_keep_their_times(tmp_path: Path):
+    run = run_of(
+        tmp_path / "run",
+        *((0, "belief", 'present("a")'), (1, "belief", 'present("b")'), (1, "belief", 'present("c")')),
+        *((2, "unbelief", 'present("a")'), (3, "unbelief", 'present("c")'), (3, "belief", 'present("a")')),
+        *((4, "action", "wave()"), (4.2, "action", "nod()"), (9, "unbelief", 'present("b")')),
+    )
+    write_elan(run, tmp_path / "run.eaf")
+    assert tiers(tmp_path / "run.eaf") == {
+        "cook: beliefs, present": [(0, 2000, 'present("a")'), (3000, 9000, 'present("a")')],
+        "cook: beliefs, present (2)": [(1000, 3000, 'present("c")')],
+        "cook: beliefs, present (3)": [(1000, 9000, 'present("b")')],
+        "cook: actions": [(4000, 4200, "wave()"), (4200, 4700, "nod()")],
+    }
+
+
+def test_a_goal_and_a_belief_may_be_called_the_same(tmp_path: Path):
+    run = run_of(
+        tmp_path / "run",
+        *((0, "goal", "tidy"), (2, "belief", "tidy"), (2.5, "achieved", "tidy"), (4, "unbelief", "tidy")),
+    )
+    write_elan(run, tmp_path / "run.eaf")
+    assert tiers(tmp_path / "run.eaf") == {
+        "cook: goals": [(0, 2500, "tidy")],
+        "cook: beliefs, tidy": [(2000, 4000, "tidy")],
+    }
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".eaf"])
