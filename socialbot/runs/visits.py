@@ -7,6 +7,7 @@ addressed ``in time`` up to `ADDRESS_S` after that, then ``late`` until `RECENT_
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
 from socialbot.runs.pages import Cell, Table
+from socialbot.runs.record import WELL
 from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, visits
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
@@ -80,7 +82,7 @@ def visits_of(run: RecordedRun, range_m: float | None = None) -> tuple[list[Visi
         TruthError: The ground truth beside the bag is unreadable.
     """
     truth = _truth(run)
-    frames = _tracked(run.history) if truth is None else _true(truth)
+    frames = _tracked(run.history) if truth is None else _true(truth, _end(run))
     limit_m = min((each.range_m for each in ranges_of(run)), default=RANGE_M) if range_m is None else range_m
     spoken = [record for record in run.history if record.kind == "utterance"]
     found = [_visit(each, frames, spoken, run.history) for each in visits(frames, limit_m, GAP_S)]
@@ -114,8 +116,13 @@ def _truth(run: RecordedRun) -> GroundTruth | None:
     return load_truth(found) if found is not None and os.path.isfile(found) else None
 
 
-def _true(truth: GroundTruth) -> list[LabelledFrame]:
-    return [LabelledFrame(frame.stamp, "", 0, frame.persons) for frame in truth.frames]
+def _true(truth: GroundTruth, end: float) -> list[LabelledFrame]:
+    return [LabelledFrame(frame.stamp, "", 0, frame.persons) for frame in truth.frames if frame.stamp <= end]
+
+
+def _end(run: RecordedRun) -> float:
+    """Stamp (ns) of the end of a run that ended before its bag did."""
+    return math.inf if (run.results.get("ended") or WELL) == WELL else run.history.end
 
 
 def _tracked(history: History) -> list[LabelledFrame]:

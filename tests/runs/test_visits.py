@@ -40,7 +40,7 @@ def recorded(folder: Path, seen: dict[int, list[PersonDetection]], said: dict[in
             record.observe("/humans/bodies/detections", message)
             if frame in said:
                 record.observe("/speech/say", Utterance(stamp=stamp, id=f"u{frame}", text=said[frame]))
-        record.write_results({"graph": "robot", "ended": "well", **results})
+        record.write_results({"graph": "robot", "ended": "well"} | results)
     return folder
 
 
@@ -111,19 +111,33 @@ def test_the_range_is_that_of_an_agent_or_given(tmp_path: Path):
     assert visits_of(open_run(folder), 3.0)[0] == []
 
 
-def test_ground_truth_beside_the_bag_names_the_people(tmp_path: Path):
-    truth = {
+def truth_file(bag: Path, frames: int, **persons: tuple[int, int]) -> None:
+    """Write the ground truth of ``bag``, with people who face the robot from and to a frame (10 Hz)."""
+    about = {"x": 1, "y": 1, "w": 50, "h": 120, "distance_m": 2.0, "facing_rad": 0.0}
+    content = {
         "schema": "socialbot/truth", "version": 1,
         "image_topic": "/camera/image_raw",
         "frames": [
             {
                 "stamp": START + frame * SECOND // 10,
-                "persons": [{"id": "ann", "x": 1, "y": 1, "w": 50, "h": 120, "distance_m": 2.0, "facing_rad": 0.0}],
+                "persons": [{"id": name, **about} for name, (begin, end) in persons.items() if begin <= frame < end],
             }
-            for frame in range(20)
+            for frame in range(frames)
         ],
     }  # fmt: skip
-    (tmp_path / "visit.truth.json").write_bytes(msgspec.json.encode(truth))
+    bag.with_name(f"{bag.name}.truth.json").write_bytes(msgspec.json.encode(content))
+
+
+@pytest.mark.parametrize(("ended", "people"), [("interrupted", ["ann"]), ("well", ["ann", "ben"])])
+def test_people_of_the_bag_after_the_end_of_the_run_are_no_visitors(tmp_path: Path, ended: str, people: list[str]):
+    truth_file(tmp_path / "visit", 100, ann=(0, 30), ben=(60, 90))
+    bag = {"path": str(tmp_path / "visit"), "start": START, "duration_s": 10.0}
+    found, _ = visits_of(open_run(recorded(tmp_path / "run", {40: []}, {}, bag=bag, ended=ended)))
+    assert [visit.person for visit in found] == people
+
+
+def test_ground_truth_beside_the_bag_names_the_people(tmp_path: Path):
+    truth_file(tmp_path / "visit", 20, ann=(0, 20))
     bag = {"path": str(tmp_path / "visit"), "start": START, "duration_s": 2.0}
     found, source = visits_of(open_run(recorded(tmp_path / "run", {19: []}, {}, bag=bag)))
     assert ([visit.person for visit in found], source, found[0].outcome) == (["ann"], "truth", "missed")
