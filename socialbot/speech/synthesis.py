@@ -11,6 +11,7 @@ import difflib
 import io
 import os
 import threading
+import unicodedata
 import wave
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ _LIST_END, _WORD_EVENT, _PHONEME_EVENT = 0, 1, 7
 _RATE, _PITCH = 1, 3
 _POSITION_CHARACTER = 1
 _CHARS_UTF8 = 1
+_ENDS_OF_WORDS = "\u200b\u200c\u200d"  # zero-width space, and (non-)joiners of parts of words and emoji
 
 
 class _Event(ctypes.Structure):
@@ -178,8 +180,18 @@ def phonemes(text: str, voice: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Remove control characters, which espeak-ng interprets as commands."""
-    return "".join(character if character.isprintable() else " " for character in text)
+    """Remove control characters, which espeak-ng interprets as commands, and compose letters, which it reads better.
+
+    Invisible characters within words, such as soft hyphens, do not end a word.
+    """
+    return "".join(
+        character if character.isprintable() else "" if _is_within_words(character) else " "
+        for character in unicodedata.normalize("NFC", text)
+    )
+
+
+def _is_within_words(character: str) -> bool:
+    return unicodedata.category(character) == "Cf" and character not in _ENDS_OF_WORDS
 
 
 def _check(name: str, value: int, low: int, high: int) -> None:

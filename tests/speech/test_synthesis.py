@@ -2,6 +2,7 @@ import hashlib
 import subprocess
 import sys
 import threading
+import unicodedata
 import wave
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import extra_command
-from socialbot.speech.synthesis import Sound, Synthesizer
+from socialbot.speech.synthesis import Sound, Synthesizer, phonemes
 
 SENTENCE = "Hello, nice to see you. Can I help you find something?"
 
@@ -105,6 +106,22 @@ def test_refuses_text_without_speech(english, text):
 def test_control_characters_are_ignored(english):
     assert digest(english.say("Hello\x01 40P there")) == digest(english.say("Hello  40P there"))
     assert english.say("Hello\0 there").duration_s == english.say("Hello  there").duration_s
+
+
+@pytest.mark.parametrize(
+    ("written", "plain"),
+    [
+        (unicodedata.normalize("NFD", "Grüße, schöne Märchen"), "Grüße, schöne Märchen"),
+        ("Biblio\u00adthek", "Bibliothek"),
+        ("\ufeff\u200eBiblio\u2060thek", "Bibliothek"),
+        ("die\u00a0Bibliothek\u200bhier", "die Bibliothek hier"),
+    ],
+)
+def test_words_are_spoken_the_same_however_they_are_encoded(written: str, plain: str):
+    assert phonemes(written, "de") == phonemes(plain, "de")
+    german = Synthesizer("de")
+    assert german.say(written).wav() == german.say(plain).wav()
+    assert german.say(written).marks == german.say(plain).marks
 
 
 def test_error_for_unknown_voice_suggests_others():
