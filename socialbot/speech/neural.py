@@ -41,6 +41,8 @@ _BEGIN, _END, _PAD = "^", "$", "_"
 _STANDARD_WPM = 165
 _PAUSES = ".!?;:,"
 _ENDS = re.compile(r"(?<=[.!?;:,…])\s+")
+_ABBREVIATION = re.compile(r"(?:[^\W\d_]|Dr|Fr|Hr|Mme|Mrs?|Ms|Prof|Sra?|Sta?)\.")
+"""Words whose period ends no sentence: initials and titles."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,7 @@ def split(text: str) -> list[str]:
     ['Hello!', 'The library is on the second floor.']
     """
     parts: list[str] = []
-    for clause in _ENDS.split(text.strip()):
+    for clause in _clauses(text.strip()):
         words = clause.split()
         while words:
             count, length = 0, 0
@@ -191,6 +193,18 @@ def split(text: str) -> list[str]:
     if not parts:
         raise MessageError("an utterance without text", remedy="give a sentence")
     return parts
+
+
+def _clauses(text: str) -> Iterator[str]:
+    """Split a text at its punctuation, but not at the periods of abbreviations."""
+    begin = 0
+    for gap in _ENDS.finditer(text):
+        word, following = text[begin : gap.start()].split()[-1], text[gap.end()]
+        is_within = following.islower() or following.isdigit() or _ABBREVIATION.fullmatch(word.lstrip("([\"'„“«"))
+        if not (word.endswith(".") and is_within):
+            yield text[begin : gap.start()]
+            begin = gap.end()
+    yield text[begin:]
 
 
 def join(sounds: Sequence[Sound]) -> Sound:

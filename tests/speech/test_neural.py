@@ -42,6 +42,13 @@ TEXT = "Hello! The library is on the second floor. Take the lift and turn left."
         ("Nice to see you! :-)", ["Nice to see you! :-)"]),
         ("... Hello! \U0001f642 Bye.", ["... Hello!", "\U0001f642 Bye."]),
         ("Hello. \U0001f642", ["Hello. \U0001f642"]),
+        ("Dr. Smith is in room no. 5. Go on.", ["Dr. Smith is in room no. 5.", "Go on."]),
+        ("Mr. Bean is here. Ask him.", ["Mr. Bean is here.", "Ask him."]),
+        ("Heute, z. B. um 5 Uhr. Gut?", ["Heute,", "z. B. um 5 Uhr.", "Gut?"]),
+        ("(Dr. Bean) e.g. at 5 p.m. today", ["(Dr. Bean) e.g. at 5 p.m. today"]),
+        ("We close at 5 p.m. Bye.", ["We close at 5 p.m.", "Bye."]),
+        ("On floor 3. Turn left.", ["On floor 3.", "Turn left."]),
+        ("Sí. Bien.", ["Sí.", "Bien."]),
     ],
 )
 def test_texts_are_split_into_parts(text, parts):
