@@ -301,6 +301,8 @@ PLACES = ("folder", "mind_file", "memory_file")
 
 
 def _settings(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Setting]:
+    if not (first and second):  # a run that has not ended says nothing of its settings
+        return
     ours, theirs = dict(_flat(first)), dict(_flat(second))
     for name in sorted(ours.keys() | theirs.keys()):
         if ours.get(name) != theirs.get(name) and name.rpartition(".")[2] not in PLACES:

@@ -56,6 +56,12 @@ def test_different_settings_are_listed(early, tmp_path):
     assert "  bdi_engine.range_m: 6.0 | 5.0" in list(found.text())
 
 
+def test_settings_of_a_run_that_goes_on_are_not_known(early, tmp_path):
+    unfinished = greeting(tmp_path / "run")
+    (unfinished / "results.json").unlink()
+    assert difference(early, open_run(unfinished)).settings == ()
+
+
 # Decisions
 
 
