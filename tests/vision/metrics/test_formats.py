@@ -131,6 +131,26 @@ def test_json_of_other_formats_is_not_taken_for_the_own_one(tmp_path, content):
     assert "convert others to COCO" in str(error.value.remedy)
 
 
+@pytest.mark.parametrize(
+    ("tool", "content"),
+    [
+        ("LabelMe", {"version": "5.3.1", "shapes": [], "imagePath": "a.jpg", "imageData": None}),
+        ("VIA", {"_via_settings": {}, "_via_img_metadata": {}}),
+        ("VIA", {"a.jpg123": {"filename": "a.jpg", "size": 123, "regions": [], "file_attributes": {}}}),
+        ("Label Studio", [{"id": 1, "annotations": [], "data": {"image": "/data/upload/a.jpg"}}]),
+        ("Label Studio", [{"image": "/data/upload/a.jpg", "id": 1, "label": []}]),
+        ("Datumaro", {"info": {}, "categories": {}, "items": []}),
+        ("Supervisely", {"description": "", "objects": [], "size": {"height": 120, "width": 160}}),
+    ],
+)
+def test_labels_of_other_tools_are_refused_by_name(tmp_path, tool, content):
+    write(tmp_path, {"a.json": json.dumps(content)}, ("a.jpg",))
+    for path in (tmp_path, tmp_path / "a.json"):
+        with pytest.raises(TruthError, match=rf"no labels of a known format, but of {tool}") as caught:
+            labelled_sources(tmp_path, path)
+        assert "convert others to COCO" in str(caught.value.remedy)
+
+
 def test_unknown_format(tmp_path):
     write(tmp_path, {"notes.md": "x"})
     assert sniff(tmp_path) is None

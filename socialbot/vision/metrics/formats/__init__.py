@@ -41,6 +41,17 @@ FORMATS = {each.name: each for each in (SOCIALBOT, COCO, MOT, KITTI, YOLO, VOC, 
 ARCHIVES = frozenset({".7z", ".gz", ".rar", ".tar", ".tgz", ".zip"})
 MOST_FILES = 100
 
+OTHERS: tuple[tuple[str, frozenset[str]], ...] = (
+    ("LabelMe", frozenset({"shapes", "imagePath"})),
+    ("VIA", frozenset({"_via_img_metadata"})),
+    ("VIA", frozenset({"filename", "regions"})),
+    ("Label Studio", frozenset({"annotations", "data"})),
+    ("Label Studio", frozenset({"image", "label"})),
+    ("Datumaro", frozenset({"categories", "items"})),
+    ("Supervisely", frozenset({"objects", "size"})),
+)
+"""Tools whose JSON is not read, and fields of their objects."""
+
 
 def _own_labels(path: Path, images: Path | None) -> list[LabelledSource]:
     if path.is_dir():
@@ -56,6 +67,8 @@ def _is_own(path: Path) -> bool:
         content = msgspec.json.decode(read_json(path))
     except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return True
+    if _tool_of(content):
+        return False
     entries = content if isinstance(content, list) else []
     return path.name == LABELS_FILE or any(
         isinstance(each, dict) and {"image", "boxes"} & each.keys() for each in entries
@@ -69,15 +82,29 @@ def sniff(path: Path) -> str | None:
     return next(known, None)
 
 
-def _refuse_damaged(path: Path) -> None:
-    """Raise TruthError for a damaged XML or JSON file, whose format cannot be recognised."""
+def _tool_of(content: object) -> str:
+    """Tool that wrote the content of a JSON file which is not read; empty if it is not known."""
+    within = content if isinstance(content, list) else content.values() if isinstance(content, dict) else ()
+    for each in (content, next(iter(within), None)):
+        if isinstance(each, dict) and "boxes" not in each:
+            for tool, fields in OTHERS:
+                if fields <= each.keys():
+                    return tool
+    return ""
+
+
+def _unread_tool(path: Path) -> str:
+    """Tool that wrote the labels in ``path``; empty if it is not known. Raises TruthError for a damaged file."""
     places = (path, path / "annotations", path / "Annotations")
     files = [path] if path.is_file() else sorted(file for place in places for file in place.glob("*"))[:MOST_FILES]
     for file in files:
         if file.suffix.lower() == ".xml":
             read_xml(file)
         elif file.suffix.lower() == ".json":
-            parse_json(read_json(file), object, where=str(file), remedy="export it again")
+            tool = _tool_of(parse_json(read_json(file), object, where=str(file), remedy="export it again"))
+            if tool:
+                return tool
+    return ""
 
 
 def label_format(name: str) -> LabelFormat:
@@ -124,12 +151,12 @@ def labelled_sources(
     if chosen is None:
         name = sniff(labels)
         if name is None:
-            _refuse_damaged(labels)
+            tool = _unread_tool(labels)
             expected = "; ".join(f"{each.name}: {each.expected}" for each in FORMATS.values())
             remedy = f"expected is a bag, or {expected}. Name one with --format, or convert others to COCO"
             if labels.suffix.lower() in ARCHIVES:
                 remedy = "unpack it, and give its folder"
-            raise fault("no labels of a known format", labels, remedy)
+            raise fault(f"no labels of a known format{tool and f', but of {tool}'}", labels, remedy)
         chosen = FORMATS[name]
     place = images if truth is not None else None
     places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]
