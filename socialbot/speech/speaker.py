@@ -217,21 +217,30 @@ class Speaker(Node):
         if self._voice is None:
             raise self._missing or InstallationError("the node has not been started")
         own = getattr(self._voice, "language", "")
-        if not language or not own or language == own:
+        code = language.replace("_", "-").partition("-")[0].lower()
+        if not language or not own or own in (language, code):
             return self._voice
         if language in self._others:
             voice = self._others.pop(language)
         else:
-            wanted = _read_voices(self.voices, where=f"{self.name}.voices").get(language, language)
-            try:
-                voice = open_voice(wanted, self.rate_wpm, self.pitch)
-            except (InstallationError, ParameterError) as error:
-                self.log.warning("no voice for the language %r, so that of %r speaks: %s", language, own, _line(error))
-                voice = self._voice
+            voice = self._open_voice(language, code) or self._voice
         self._others[language] = voice
         if len(self._others) > MOST_VOICES:
             del self._others[next(iter(self._others))]
         return voice
+
+    def _open_voice(self, language: str, code: str) -> SpeechVoice | None:
+        """Open the voice for a language such as "de-AT", else for its ``code``, "de"; warns if there is none."""
+        listed = _read_voices(self.voices, where=f"{self.name}.voices")
+        why = ""
+        for wanted in dict.fromkeys((listed.get(code, language), code)):
+            try:
+                return open_voice(wanted, self.rate_wpm, self.pitch)
+            except (InstallationError, ParameterError) as error:
+                why = why or _line(error)
+        own = getattr(self._voice, "language", "")
+        self.log.warning("no voice for the language %r, so that of %r speaks: %s", language, own, why)
+        return None
 
     def find_player(self) -> AudioPlayer | None:
         """Return the player, and report if there is none; subclasses may override it."""

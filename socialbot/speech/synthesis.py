@@ -260,24 +260,47 @@ def _unload(library: ctypes.CDLL) -> None:
 
 
 class _Voice(ctypes.Structure):
-    """First fields of ``espeak_VOICE``; ``identifier`` is a path like "gmw/en-US"."""
+    """First fields of ``espeak_VOICE``; ``identifier`` is a path like "gmw/en-US".
 
-    _fields_ = [("name", ctypes.c_char_p), ("languages", ctypes.c_char_p), ("identifier", ctypes.c_char_p)]
+    ``languages`` are strings, each after a byte with its priority, of which the lowest counts most, and a last byte 0.
+    """
+
+    _fields_ = [("name", ctypes.c_char_p), ("languages", ctypes.c_void_p), ("identifier", ctypes.c_char_p)]
+
+    @property
+    def file(self) -> str:
+        return self.identifier.decode("utf-8", "replace").rpartition("/")[2].lower()
+
+    def priority_of(self, language: str) -> int | None:
+        """Priority of a language of this voice; None for other languages."""
+        at = self.languages
+        while priority := ctypes.string_at(at, 1)[0]:
+            name = ctypes.string_at(at + 1)
+            if name.decode("utf-8", "replace") == language:
+                return priority
+            at += len(name) + 2
+        return None
 
 
 def _set_voice(library: ctypes.CDLL, voice: str) -> None:
     if library.espeak_SetVoiceByName(voice.encode("utf-8", "replace")):
-        known = _voices(library)
+        listed = _voices(library)
+        language, plus, variant = voice.lower().partition("+")
+        speaking = [(priority, each.file) for each in listed if (priority := each.priority_of(language)) is not None]
+        # A language may have a voice of another name: that of "zh" is "cmn".
+        if speaking and not library.espeak_SetVoiceByName(f"{min(speaking)[1]}{plus}{variant}".encode()):
+            return
+        known = sorted(each.file for each in listed)
         some = dict.fromkeys((*difflib.get_close_matches(voice.lower(), known), *_FAMILIAR))
         raise ParameterError(
             f"unknown voice {voice!r}", where="voice", remedy=f"one of {len(known)}, such as {', '.join(some)}"
         )
 
 
-def _voices(library: ctypes.CDLL) -> list[str]:
-    """Return the voice names of espeak-ng; some of its languages are missing."""
+def _voices(library: ctypes.CDLL) -> list[_Voice]:
+    """Return the voices of espeak-ng."""
     voices = library.espeak_ListVoices(None)
-    found: list[str] = []
+    found: list[_Voice] = []
     while voices[len(found)]:
-        found.append(voices[len(found)].contents.identifier.decode("utf-8", "replace").rpartition("/")[2].lower())
-    return sorted(found)
+        found.append(voices[len(found)].contents)
+    return found

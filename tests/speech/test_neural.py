@@ -261,6 +261,18 @@ def test_each_language_has_its_voice(caplog: pytest.LogCaptureFixture):
         assert "no voice for the language 'xx'" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("language", "voice"),
+    [("de-DE", "de"), ("de_AT", "de"), ("fr-FR", "fr+f2"), ("fr-CH", "fr+f2"), ("en-GB", "en-us")],
+)
+def test_languages_with_a_region_have_the_voice_of_the_language(
+    language: str, voice: str, caplog: pytest.LogCaptureFixture
+):
+    with Stage(publish_sound=True, voice="en-us", voices="fr=fr+f2") as stage:
+        assert np.array_equal(stage.spoken("Salut 5", language), Synthesizer(voice).say("Salut 5").samples)
+    assert not caplog.records
+
+
 def test_voices_of_the_languages_used_last_are_kept(monkeypatch: pytest.MonkeyPatch):
     opened: list[str] = []
 

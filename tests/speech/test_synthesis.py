@@ -124,6 +124,11 @@ def test_words_are_spoken_the_same_however_they_are_encoded(written: str, plain:
     assert german.say(written).marks == german.say(plain).marks
 
 
+@pytest.mark.parametrize(("language", "voice"), [("zh", "cmn"), ("no", "nb"), ("en-GB", "en"), ("no+f3", "nb+f3")])
+def test_languages_may_be_called_otherwise_than_their_voices(language: str, voice: str):
+    assert digest(Synthesizer(language).say("Oslo 5")) == digest(Synthesizer(voice).say("Oslo 5"))
+
+
 def test_error_for_unknown_voice_suggests_others():
     with pytest.raises(ParameterError) as raised:
         Synthesizer("en_US")
