@@ -21,7 +21,10 @@ _SHORT_FORMS = {
     "n't": " not", "'re": " are", "'m": " am", "'ll": " will", "'ve": " have", "'d": " would", "'s": " is",
 }  # fmt: skip
 _ENGLISH_SHORT = re.compile(r"(?<=\w)(n't|'re|'m|'ll|'ve|'d|'s)\b")
-_CLAUSE_END = re.compile(r"[,.;:!?\u00bf\u00a1\u2026]+|\s[-\u2013\u2014]+\s")
+_WORD = re.compile(r"\d+(?:[.,:]\d+)+|\w+")  # a time, decimal or room such as 2.15 is one word
+_CLAUSE_END = re.compile(
+    r"(?:(?<!\d)[.,:]|[.,:](?!\d)|[;!?\u00bf\u00a1\u2026])[,.;:!?\u00bf\u00a1\u2026]*|\s[-\u2013\u2014]+\s"
+)
 _IRREGULAR = {"can't": "can not", "won't": "will not", "cannot": "can not"}
 _TITLES = {
     "en": {"dr": "doctor", "mr": "mister", "mrs": "missis", "ms": "miss", "prof": "professor"},
@@ -78,7 +81,7 @@ def words(text: str, language: str = "") -> list[list[str]]:
         text = re.sub(r"\b(can't|won't|cannot)\b", lambda found: _IRREGULAR[found[1]], text)
         text = _ENGLISH_SHORT.sub(lambda found: _SHORT_FORMS[found[1]], text)
     flat = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
-    clauses = (re.findall(r"\w+", clause) for clause in _CLAUSE_END.split(flat))
+    clauses = (_WORD.findall(clause) for clause in _CLAUSE_END.split(flat))
     return [list(map(_in_digits, clause)) for clause in clauses if clause]
 
 

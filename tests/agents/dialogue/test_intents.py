@@ -164,10 +164,27 @@ def test_any_text_is_read(text, language):
         ("Pouvez-vous m'aider ?", "fr", [["pouvez", "vous", "m", "aider"]]),
         ("Dr. Weber, Raum zwölf", "de", [["doktor", "weber"], ["raum", "12"]]),
         ("room twelve or Room 12", "en", [["room", "12", "or", "room", "12"]]),
+        ("At 3:30, please. 5!", "en", [["at", "3:30"], ["please"], ["5"]]),
+        ("Raum 2.15, 3,5 km...", "de", [["raum", "2.15"], ["3,5", "km"]]),
     ],
 )
 def test_spellings_of_the_same_speech_are_equal(text, language, plain):
     assert words(text, language) == plain
+
+
+@pytest.mark.parametrize(
+    ("text", "at"), [("Remind me at 3:30 today.", "3:30 today"), ("remind me at 14.30, please", "14.30")]
+)
+def test_free_words_of_a_slot_include_times(text, at):
+    grammar = Grammar([Intent("remind", ("text",), {"en": ["remind me at {text}"]})])
+    assert grammar.read(text, "en").slots == (at,)
+
+
+def test_numbers_in_names_and_phrases_are_read_as_in_speech():
+    rooms = {"lab": {"en": ["room 2.15"]}}
+    grammar = Grammar([Intent("directions", ("place",), {"en": ["I am due at 3:30 in {place}"]})], {"place": rooms})
+    reading = grammar.read("I am due at 3:30 in room 2.15.", "en")
+    assert (reading.intent, reading.slots) == ("directions", ("lab",))
 
 
 @pytest.mark.parametrize(
