@@ -244,6 +244,21 @@ def test_coco_crowds_areas_and_ids(tmp_path):
     assert second.persons == ()
 
 
+@pytest.mark.parametrize(
+    ("about", "distance_m"),
+    [
+        ({"distance_m": 2}, 2.0), ({"distance_m": -1}, None), ({"attributes": {"distance_m": "4.5"}}, 4.5),
+        ({"attributes": {"distance_m": 10.0, "occluded": True}}, 10.0), ({"attributes": {"distance_m": ""}}, None),
+        ({"attributes": {"occluded": False}}, None), ({"attributes": ["x"]}, None),
+        ({"distance_m": 0, "attributes": {"distance_m": 3}}, 0.0),
+    ],
+)  # fmt: skip
+def test_coco_distances(tmp_path, about, distance_m):
+    annotations = [{"image_id": 7, "category_id": 3, "bbox": BOX, **about}]
+    source = one(write(tmp_path, {"x.json": coco(annotations=annotations)}))
+    assert [each.distance_m for each in source.frames[0].persons] == [distance_m]
+
+
 def test_coco_panoptic_segments(tmp_path):
     person = {"id": 7, "category_id": 3, "bbox": [40, 20, 30, 80], "area": 1200, "iscrowd": 0}
     segments = [person, {**person, "id": 8, "category_id": 5}, {**person, "id": 9, "iscrowd": 1}]

@@ -347,6 +347,25 @@ def test_cvat_tracks_outside_and_between_key_frames(tmp_path):
     assert source.frames[0].size == (WIDTH, HEIGHT)
 
 
+def with_distances(text: str, *distances: str) -> str:
+    """Give the boxes of a CVAT file a distance, in order."""
+    head, *boxes = text.split("</box>")
+    ends = [f'<attribute name="distance_m">{each}</attribute></box>' for each in distances]
+    return head + "".join(end + box for end, box in zip(ends, boxes, strict=True))
+
+
+def test_cvat_distances_in_attributes(tmp_path):
+    source = one(write(tmp_path / "1", {"annotations.xml": with_distances(CVAT_VIDEO, "2.0", "4", "")}, FOUR))
+    assert [[each.distance_m for each in frame.persons] for frame in source.frames] == [[2.0], [3.0], [4.0], []]
+    assert source.frames[0].ranged
+    text = with_distances(CVAT_IMAGES, "", "1.5")
+    source = one(write(tmp_path / "2", {"annotations.xml": text}, ("a.jpg", "b.jpg")))
+    assert [each.distance_m for each in source.frames[0].persons] == [None, None]
+    text = with_distances(CVAT_VIDEO, "near", "", "")
+    with pytest.raises(TruthError, match="line 7, distance_m: 'near' in column 1 is not a number"):
+        one(write(tmp_path / "3", {"annotations.xml": text}, FOUR))
+
+
 def test_cvat_with_steps_between_frames(tmp_path):
     text = CVAT_VIDEO.replace("<mode>", "<start_frame>10</start_frame><frame_filter>step=3</frame_filter><mode>")
     text = text.replace('frame="0"', 'frame="10"').replace('frame="2"', 'frame="13"').replace('frame="3"', 'frame="16"')

@@ -125,6 +125,20 @@ def numbers(words: Sequence[str], where: str, remedy: str) -> list[float]:
     return parsed
 
 
+def distance_in(attributes: object, where: str) -> float | None:
+    """Distance (m) in the attribute ``distance_m`` of a box, as annotation tools write it; None if it is not known.
+
+    Raises:
+        TruthError: It is no number.
+    """
+    value = attributes.get("distance_m") if isinstance(attributes, dict) else None
+    text = "" if value is None else str(value).strip()
+    if not text:
+        return None
+    distance_m = numbers([text], f"{where}, distance_m", "write metres such as 5.2, or nothing")[0]
+    return distance_m if distance_m >= 0 else None
+
+
 def refuse_score(value: float, where: str) -> None:
     """Raise TruthError for the score of a detection; labels have a whole number in its place, or nothing."""
     if value != int(value):

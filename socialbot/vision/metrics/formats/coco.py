@@ -22,6 +22,7 @@ from socialbot.vision.metrics.formats._labels import (
     Entry,
     ImageFinder,
     Labels,
+    distance_in,
     fault,
     folders_in,
     missing_images,
@@ -72,6 +73,7 @@ class _Annotation(msgspec.Struct):
     instance_id: Key | None = None
     track_id: Key | None = None
     distance_m: float | None = None
+    attributes: Any = None  # of annotation tools
     score: float | None = None
     segments_info: list[msgspec.Raw] = []  # of panoptic labels: all objects of an image
     video_id: Key | None = None
@@ -283,7 +285,9 @@ def _add_annotations(
             ignore=bool(each.ignore),
             region=bool(each.iscrowd),
             area=each.area if each.area is not None and 0 <= each.area < 1e12 else None,
-            distance_m=each.distance_m if each.distance_m is not None and each.distance_m >= 0 else None,
+            distance_m=distance_in(
+                each.attributes if each.distance_m is None else {"distance_m": each.distance_m}, where
+            ),
         )
     return identities
 

@@ -18,6 +18,7 @@ from socialbot.vision.metrics.formats._labels import (
     Entry,
     ImageFinder,
     Labels,
+    distance_in,
     fault,
     first_folder,
     frames_of,
@@ -150,10 +151,12 @@ def _interpolate(
         one, two = _box(first, labels.path), _box(second, labels.path)
         if one is None or two is None:
             continue
+        near, far = _distance(first, labels.path), _distance(second, labels.path)
         for frame in range(before + step, after, step):
             share = (frame - before) / (after - before)
             x, y, w, h = (a + share * (b - a) for a, b in zip(one, two, strict=True))
-            labels.add(frame, name, (x, y, w, h), at(labels.path, first), id=id)
+            distance_m = None if near is None or far is None else near + share * (far - near)
+            labels.add(frame, name, (x, y, w, h), at(labels.path, first), id=id, distance_m=distance_m)
 
 
 def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[ImageSequence, list[tuple[int, str, int]]]:
@@ -204,7 +207,11 @@ def _add(labels: Labels, key: int, shape: ElementTree.Element, name: str, id: st
     elif box is None:
         labels.skipped[f"of shape {shape.tag}"] += 1
     else:
-        labels.add(key, name, box, where, id=id)
+        labels.add(key, name, box, where, id=id, distance_m=_distance(shape, labels.path))
+
+
+def _distance(shape: ElementTree.Element, path: Path) -> float | None:
+    return distance_in({each.get("name"): each.text for each in shape.iterfind("attribute")}, at(path, shape))
 
 
 def _box(shape: ElementTree.Element, path: Path) -> Box | None:
