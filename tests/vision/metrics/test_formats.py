@@ -405,6 +405,13 @@ def test_image_with_two_entries_is_refused(tmp_path, labels, words):
         one(write(tmp_path, labels, ("north/a.jpg",) if "labels.json" in labels else ("a.jpg",)))
 
 
+def test_equal_boxes_are_told(tmp_path):
+    text = voc(thing("person"), thing("person"), thing("person"), thing("person", (41, 20, 70, 100)))
+    source = one(write(tmp_path, {"a.xml": text}, ("a.jpg",)))
+    assert len(source.frames[0].persons) == 4
+    assert "2 boxes of people equal another one in their image: at most one of them is found" in source.notes
+
+
 def test_image_beside_masks_of_the_same_name(tmp_path):
     images = ("JPEGImages/a.jpg", "SegmentationClass/a.png")
     assert one(write(tmp_path, {"Annotations/a.xml": VOC}, images)).frames[0].name == "a.jpg"

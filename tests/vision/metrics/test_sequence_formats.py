@@ -57,6 +57,7 @@ def test_mot_without_ids_is_not_scored_for_identity(tmp_path):
     source = one(write(tmp_path, {"gt/gt.txt": "1,-1,40,20,30,80,1\n1,-1,90,20,30,80,1\n"}, EXAMPLES["mot"][2]))
     assert not source.identities
     assert len(source.frames[0].persons) == 2
+    assert "people have no ids, as in det.txt, which holds detections and no labels" in source.notes
 
 
 def test_mot_class_and_visible_share_before_a_tenth_column(tmp_path):
@@ -180,6 +181,13 @@ def test_labelled_images_of_a_video_with_a_variable_frame_rate(tmp_path):
     assert [frame.stamp for frame in source.frames] == [TIMES_MS[2] * SECOND // 1000, TIMES_MS[4] * SECOND // 1000]
     source = one(write(tmp_path, {"annotations.xml": CVAT_VIDEO}, ()))
     assert [frame.stamp for frame in source.frames] == [time * SECOND // 1000 for time in TIMES_MS]
+
+
+def test_two_images_of_one_frame_of_a_video_are_refused(tmp_path):
+    film_of_a_phone(tmp_path / "hall.mp4")
+    text = CVAT_IMAGES.replace("a.jpg", "east/frame_2").replace("b.jpg", "west/frame_2")
+    with pytest.raises(TruthError, match=r"east/frame_2 and west/frame_2 are the same file, an image of .*hall"):
+        one(write(tmp_path, {"annotations.xml": text}, ()))
 
 
 def test_many_mot_sequences(tmp_path):

@@ -246,12 +246,17 @@ class Labels:
         category: Key = 1,
     ) -> LabelledSource:
         """Make a source of the images ``entries``, in order; other images have been left out."""
-        if isinstance(images, FolderImages):
-            [(path, count)] = Counter(images.images).most_common(1) or [("", 1)]
-            if count > 1:
-                same = [entry.name for entry, other in zip(entries, images.images, strict=True) if other == path]
-                what = f"the images {same[0]} and {same[1]} are the same file, {path}"
-                raise fault(what, self.path, "label each image once, with its folder in its name")
+        places = images.images if isinstance(images, FolderImages) else [entry.stamp for entry in entries]
+        [(place, count)] = Counter(places).most_common(1) or [("", 1)]
+        if count > 1:
+            one, other, *_ = [entry.name for entry, each in zip(entries, places, strict=True) if each == place]
+            image = place if isinstance(images, FolderImages) else f"an image of {images.path}"
+            what = f"the images {one} and {other} are the same file, {image}"
+            raise fault(what, self.path, "label each image once, with its folder in its name")
+        scored = ([person.box for person in there if not person.ignore] for there in self.persons.values())
+        twice = sum(len(boxes) - len(set(boxes)) for boxes in scored)
+        if twice:
+            self.notes.append(f"{twice} boxes of people equal another one in their image: at most one of them is found")
         ranged = any(person.distance_m is not None for there in self.persons.values() for person in there)
         frames = tuple(
             LabelledFrame(

@@ -100,6 +100,8 @@ def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ())
     info = _info(folder / "seqinfo.ini")
     labels = Labels(truth, people)
     identities = _read_lines(labels, _class_names(truth.parent / "labels.txt"))
+    if labels.persons and not identities:
+        labels.notes.append("people have no ids, as in det.txt, which holds detections and no labels")
     rate = _rate(info, folder, labels)
     found, entries = _images(folder, images, info, rate, labels)
     there = {entry.key for entry in entries}
