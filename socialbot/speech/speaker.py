@@ -168,6 +168,9 @@ class Speaker(Node):
         self._folder: Path | None = None
         self._sounds: deque[Path] = deque()
         self._engine_is_ok = True
+        self._limits: dict[
+            str, str
+        ] = {}  # languages without a voice, and "" without a sound device, with their reasons
 
     def start(self) -> None:
         """Load voice and player. Without the speech library the node runs, and every utterance fails.
@@ -239,14 +242,20 @@ class Speaker(Node):
             except (InstallationError, ParameterError) as error:
                 why = why or _line(error)
         own = getattr(self._voice, "language", "")
-        self.log.warning("no voice for the language %r, so that of %r speaks: %s", language, own, why)
+        limit = f"no voice for the language {language!r}, so that of {own!r} speaks"
+        self.log.warning("%s: %s", limit, why)
+        self._report_limit(language, limit)
         return None
+
+    def _report_limit(self, name: str, reason: str) -> None:
+        self._limits[name] = reason
+        self.report_health("ok", "; ".join(self._limits.values()))
 
     def find_player(self) -> AudioPlayer | None:
         """Return the player, and report if there is none; subclasses may override it."""
         player = find_player()
         if player is None and self._missing is None:
-            self.report_health("ok", f"no sound device, so nobody hears the speech; {_UNHEARD}")
+            self._report_limit("", f"no sound device, so nobody hears the speech; {_UNHEARD}")
         return player
 
     def perform(self, utterance: Utterance, on_end: OnEnd) -> str:
@@ -298,6 +307,9 @@ class Speaker(Node):
             _read_voices(self.voices, where=f"{self.name}.voices")
         if name in ("voice", "voices", "rate_wpm", "pitch"):
             self._others.clear()
+            if any(self._limits):
+                self._limits = {name: reason for name, reason in self._limits.items() if not name}
+                self.report_health("ok", "; ".join(self._limits.values()))
         if self._voice is not None and name in ("voice", "rate_wpm", "pitch"):
             self._voice = self.find_voice()
 

@@ -259,6 +259,11 @@ def test_each_language_has_its_voice(caplog: pytest.LogCaptureFixture):
         assert not caplog.records
         assert np.array_equal(stage.spoken("Hey", "xx"), Synthesizer("en").say("Hey").samples)
         assert "no voice for the language 'xx'" in caplog.text
+        health = stage.node("speech").context.health_monitor
+        assert health.health().reason == "no voice for the language 'xx', so that of 'en' speaks"
+        stage.node("speech").set_parameter("voices", "xx=de")
+        assert health.health().reason == ""
+        assert np.array_equal(stage.spoken("Hey", "xx"), Synthesizer("de").say("Hey").samples)
 
 
 @pytest.mark.parametrize(
