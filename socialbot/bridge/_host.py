@@ -176,6 +176,7 @@ class NodeHost:
             self._rounds = self._ros.create_subscription(
                 String, ROUND_TOPIC, functools.partial(self._start_round, receiver), subscription_qos(Delivery.LATCHED)
             )
+            self._has_rounds = False
         self._instance = uuid.uuid4().hex
         self._sent: Counter[str] = Counter()
         self._passed_over: Counter[Input[Any]] = Counter()
@@ -393,8 +394,8 @@ class NodeHost:
             thread.queue.put(port, message, (self._ports.index(port.name), number) if self._is_stepped() else None)
 
     def _is_stepped(self) -> bool:
-        """Whether a simulation clock says when messages are handled."""
-        return self._simulated and self._rounds.get_publisher_count() > 0
+        """Whether a simulation clock says when messages are handled. A publisher without valid rounds is none."""
+        return self._simulated and self._has_rounds and self._rounds.get_publisher_count() > 0
 
     def _refuse(self, port: Input[Any], error: MessageError) -> None:
         self._count_refusal(port.topic, error)
@@ -455,6 +456,7 @@ class NodeHost:
         except MessageError as error:
             self._count_refusal(ROUND_TOPIC, error)
             return
+        self._has_rounds = True
         if self._thread is not None:
             self._thread.queue.release(round.number, round.repeat, arrived=round.arrived.get(self.name))
         if self._thread is None or self._clock.now() == 0:

@@ -215,6 +215,24 @@ def test_the_time_of_a_simulation_cannot_be_forged(keys: None) -> None:
         assert clock.now == 3 * SECOND
 
 
+def test_a_stranger_does_not_hold_the_messages_of_a_node_in_simulated_time(keys: None) -> None:
+    """A publisher on the topic of rounds is no simulation clock as long as it sends no valid round."""
+    case, clock_class = CASES["trajectory"], message_class("rosgraph_msgs/msg/Clock")
+    with spinning_node("player") as ros, spinning_node("intruder") as stranger:
+        clock = open_transport().advertise_class(ros, CLOCK_TOPIC, clock_class, standard=True)
+        rounds = stranger.create_publisher(message_class(STRING), ROUND_TOPIC, publisher_qos(Delivery.LATCHED))
+        with node_hosts(nodes_of(case), sim_time=True) as host:
+            sink, source = host("sink"), host("source")
+            assert eventually(lambda: rounds.get_subscription_count() == 2)
+            assert eventually(lambda: clock.publisher.get_subscription_count() == 2)
+            assert eventually(lambda: has_receivers(source, "out", 1))
+            now = clock_class()
+            now.clock.sec = 1
+            clock.publish_encoded(now)
+            source.node.context.call_soon(lambda: source.node.out.publish(case.make(1)))
+            assert eventually(lambda: sink.node.got == [1], timeout_s=20.0)
+
+
 @contextmanager
 def publishing(topic: str, kind: type[Message]) -> Iterator[tuple[Any, Intruder]]:
     """A sender with keys and an intruder on ``topic``."""
