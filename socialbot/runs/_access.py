@@ -97,7 +97,7 @@ class AccessGuard:
             answer = _refusal(421, "this server has another name")
         elif self._token and (refusal := self._without_access(scope, headers)):
             answer = refusal
-        elif reason := foreign(headers, reads=scope["method"] in ("GET", "HEAD")):
+        elif reason := foreign(headers, scope["path"], reads=scope["method"] in ("GET", "HEAD")):
             answer = _refusal(403, reason)
         await answer(scope, receive, send_with_headers)
 
@@ -105,7 +105,8 @@ class AccessGuard:
         query = QueryParams(scope["query_string"])
         if _same(query.get("token", ""), self._token):
             rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
-            response = RedirectResponse(scope["path"] + (f"?{rest}" if rest else ""), 303, FRESH)
+            path = "/" + scope["path"].lstrip("/")  # a path that begins with two slashes is another site
+            response = RedirectResponse(path + (f"?{rest}" if rest else ""), 303, FRESH)
             response.set_cookie(COOKIE, self._pass, httponly=True, samesite="strict")
             return response
         scheme, _, given = headers.get("authorization", "").partition(" ")
@@ -171,16 +172,16 @@ def is_own_name(host: str) -> bool:
     return True
 
 
-def foreign(headers: Headers, *, reads: bool) -> str:
+def foreign(headers: Headers, path: str, *, reads: bool) -> str:
     """Return the reason to refuse a request, which ``reads`` or changes state; empty if accepted."""
     is_own_site = headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
     if reads:
         is_link = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) == ("navigate", "document")
-        return "" if is_own_site or is_link else OTHER_SITE
+        return "" if is_own_site or (is_link and path == "/") else OTHER_SITE
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
         return "the content type must be application/json"
     origin = headers.get("origin")
-    is_foreign = origin is not None and urlsplit(origin).netloc != headers.get("host")
+    is_foreign = origin is not None and origin.partition("://")[2] != headers.get("host")
     return OTHER_SITE if is_foreign or not is_own_site else ""
 
 

@@ -28,6 +28,7 @@ ENDED_WITHIN_S = 3.0
 REQUEST_WITHIN_S = 5.0  # time for the head of a request
 TAKEN_WITHIN_S = 30.0  # time for a client to take any part of an answer
 MAX_CONNECTIONS = 100  # number of open connections; further requests get the status 503
+MAX_REFUSED = 100  # number of further open connections; still further ones are closed at once
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
                 ws="none",
                 http=_PunctualProtocol,
                 limit_concurrency=MAX_CONNECTIONS,
+                backlog=MAX_CONNECTIONS,  # so many are accepted before any is closed
             )
         )
         thread = threading.Thread(target=_serve, args=(loop, served, listener), name="inspect", daemon=True)
@@ -125,7 +127,7 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
 class _PunctualProtocol(H11Protocol):
     """HTTP connection that ends if no whole request comes in time, or nothing of an answer is taken.
 
-    So idle clients take no place for long.
+    So idle clients take no place for long, and many of them not all file descriptors of the process.
     """
 
     _deadline: asyncio.TimerHandle | None = None
@@ -133,6 +135,9 @@ class _PunctualProtocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        if len(self.connections) > MAX_CONNECTIONS + MAX_REFUSED:
+            transport.abort()
+            return
         self._await_request()
 
     def connection_lost(self, exc: Exception | None) -> None:

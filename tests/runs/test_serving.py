@@ -15,6 +15,7 @@ from socialbot.runs import _access
 from socialbot.runs import serving as servers
 from socialbot.runs.run import LiveRun
 from socialbot.runs.serving import Address, serving
+from tests.system.running import eventually
 
 POST = b"POST /api/command HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 
@@ -71,6 +72,29 @@ def test_idle_connections_lock_nobody_out_for_long(port: int) -> None:
         each.close()
     with connection(port, request) as made:
         assert answer(made).startswith(b"HTTP/1.1 200 ")
+
+
+def is_open(made: socket.socket) -> bool:
+    """Whether the server keeps a connection to which it has sent nothing."""
+    made.setblocking(False)
+    try:
+        return bool(made.recv(1))
+    except BlockingIOError:
+        return True
+    except ConnectionResetError:
+        return False
+
+
+def test_idle_connections_take_a_limited_number_of_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or else `up` could start no process and write no record while a stranger opens connections."""
+    monkeypatch.setattr(servers, "MAX_CONNECTIONS", 5)
+    monkeypatch.setattr(servers, "MAX_REFUSED", 5)
+    monkeypatch.setattr(servers, "REQUEST_WITHIN_S", 600.0)
+    with serving(LiveRun(load_graph("waldo")), Address(port=0)) as served:
+        idle = [connection(urlsplit(served.url).port or 0) for _ in range(100)]
+        assert eventually(lambda: sum(map(is_open, idle)) == 10)
+        for each in idle:
+            each.close()
 
 
 REQUEST = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
