@@ -6,7 +6,10 @@ import asyncio
 import contextlib
 import hmac
 import importlib
+import ipaddress
 import logging
+import secrets
+import sys
 import threading
 import time
 from collections import deque
@@ -227,12 +230,12 @@ def foxglove_server(
         DeviceError: The port is in use.
     """
     with ExitStack() as stack:
-        inner = ("127.0.0.1", 0) if address.token else (address.host, address.port)
+        inner = (_inner_host(), 0) if address.token else (address.host, address.port)
         server = FoxgloveServer(name, graph, *inner, set_parameter=set_parameter if address.token else None)
         stack.callback(server.close)
         port = server.port
         if address.token:
-            port = stack.enter_context(gate(address, server.port))
+            port = stack.enter_context(gate(address, inner[0], server.port))
         yield server, address.url(port).replace("http://", "ws://", 1)
 
 
@@ -370,9 +373,17 @@ _REFUSED = b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\nConnection: close
 _BLOCK = 65_536
 
 
+def _inner_host() -> str:
+    """Return a loopback address that no page in a browser of this computer can guess: Linux has 16 million."""
+    if sys.platform != "linux":
+        return "127.0.0.1"
+    network = ipaddress.ip_network("127.0.0.0/8")
+    return str(network[2 + secrets.randbelow(network.num_addresses - 3)])  # neither the known address nor broadcast
+
+
 @contextmanager
-def gate(address: Address, port: int) -> Iterator[int]:
-    """Accept connections at ``address`` and pass those with its token on to the local ``port``; yield the own port.
+def gate(address: Address, inner_host: str, inner_port: int) -> Iterator[int]:
+    """Accept connections at ``address`` and pass those with its token on to the inner server; yield the own port.
 
     A client gives the token in the URL: ``ws://host:port/?token=TOKEN``. Raises DeviceError if the port is in use.
     """
@@ -385,7 +396,7 @@ def gate(address: Address, port: int) -> Iterator[int]:
             return
         connections.add(writer)
         try:
-            await _accept(reader, writer, address.token, port)
+            await _accept(reader, writer, address.token, inner_host, inner_port)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.TimeoutError) as error:
             log.debug("a connection ended: %s", error)
         finally:
@@ -419,7 +430,9 @@ async def _close(server: asyncio.Server) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, token: str, port: int) -> None:
+async def _accept(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, token: str, inner_host: str, inner_port: int
+) -> None:
     head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
     target = head.split(b" ", 2)[1].decode("latin-1") if head.count(b" ") >= 2 else ""
     given = parse_qs(urlsplit(target).query).get("token", [""])[0]
@@ -427,7 +440,7 @@ async def _accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, to
         writer.write(_REFUSED)
         await writer.drain()
         return
-    inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", port)
+    inner_reader, inner_writer = await asyncio.open_connection(inner_host, inner_port)
     try:
         # The server sees neither the token nor another path.
         inner_writer.write(head.replace(target.encode("latin-1"), b"/", 1))

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import json
 import socket
+import sys
 import threading
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -221,11 +222,20 @@ def test_other_addresses_need_a_token():
                 viewing(wrong, look)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="has one loopback address")
+def test_nobody_passes_by_the_gate_at_a_known_address():
+    """Any page in a browser of this computer can try all ports of 127.0.0.1, and would need no token there."""
+    with foxglove_server("waldo", WALDO, Address(port=0, token="secret-token")) as (server, url):
+        assert f":{server.port}/" not in url
+        with pytest.raises(ConnectionRefusedError):
+            accepts(server.port)
+
+
 def test_strangers_get_a_limited_number_of_connections(monkeypatch: pytest.MonkeyPatch):
     """Each takes a file descriptor of the process, which may be that of `up`."""
     monkeypatch.setattr(foxglove_live, "MAX_CONNECTIONS", 3)
     monkeypatch.setattr(foxglove_live, "_HEAD_S", 600.0)
-    with foxglove_live.gate(Address(port=0, token="secret-token"), 1) as port:
+    with foxglove_live.gate(Address(port=0, token="secret-token"), "127.0.0.1", 1) as port:
 
         def refused(connection: socket.socket) -> bytes:
             with connection:
