@@ -242,7 +242,7 @@ class RestartPolicy:
     A process that crashes after more than ``longest_s`` restarts at once. After an earlier crash the delay is
     ``first_s``, doubled for each further crash up to ``longest_s``. After more than ``times`` crashes within
     ``within_s`` the supervisor gives up. A node without a report for ``hung_s`` is hung and its process is killed;
-    during startup the limit is ``ready_s``.
+    during startup the limit is ``ready_s``. It is never given up for that: messages of strangers can make DDS hang.
     """
 
     times: Annotated[int, msgspec.Meta(ge=0, le=10**6)] = 5
@@ -272,8 +272,11 @@ class RestartBackoff:
         self._crashes.append(now)
         while self._crashes[0] < now - policy.within_s:
             self._crashes.popleft()
-        if len(self._crashes) > policy.times:
-            return None
+        return None if len(self._crashes) > policy.times else self.killed(now)
+
+    def killed(self, now: float) -> float:
+        """Note the end of a hung process. Return the delay (s) before the restart."""
+        policy = self._policy
         lived_long = now - self._started > policy.longest_s
         self._pause_s = 0.0 if lived_long else min(max(policy.first_s, 2 * self._pause_s), policy.longest_s)
         return self._pause_s

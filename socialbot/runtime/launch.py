@@ -451,7 +451,7 @@ class Supervisor:
         hung = f"hung ({member.hung} sent no report)" if member.hung else ""
         what = hung or how_it_ended(code, reported_error(file))
         member.last_error, member.is_down = what, True
-        pause_s = member.backoff.crashed(now)
+        pause_s = member.backoff.killed(now) if hung else member.backoff.crashed(now)
         if pause_s is None:
             member.is_given_up = True
             log.error(

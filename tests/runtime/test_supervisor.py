@@ -225,6 +225,18 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
         assert two.restarts == 0
 
 
+def test_a_hung_process_is_never_given_up(scripts: dict[str, str], tmp_path: Path) -> None:
+    """Messages of strangers can make DDS hang, so they must not end a node for good."""
+    scripts["one"] = f"""
+say("active")
+if int(os.environ["{RESTARTS_VARIABLE}"]) <= {2 * POLICY.times}:
+    time.sleep(60)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, _ = supervisor.members.values()
+        assert attended(supervisor, lambda: one.restarts > 2 * POLICY.times and one.state == "active")
+
+
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
 def test_a_process_that_waits_for_a_processor_is_not_hung_so_soon(scripts: dict[str, str], tmp_path: Path) -> None:
     core = min(os.sched_getaffinity(0))
