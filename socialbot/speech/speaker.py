@@ -168,9 +168,8 @@ class Speaker(Node):
         self._folder: Path | None = None
         self._sounds: deque[Path] = deque()
         self._engine_is_ok = True
-        self._limits: dict[
-            str, str
-        ] = {}  # languages without a voice, and "" without a sound device, with their reasons
+        self._limits: dict[str, str] = {}
+        """Reasons by language without a voice, and by "" without a sound device."""
 
     def start(self) -> None:
         """Load voice and player. Without the speech library the node runs, and every utterance fails.
@@ -229,14 +228,16 @@ class Speaker(Node):
             voice = self._open_voice(language, code) or self._voice
         self._others[language] = voice
         if len(self._others) > MOST_VOICES:
-            del self._others[next(iter(self._others))]
+            oldest = next(iter(self._others))
+            del self._others[oldest]
+            self._limits.pop(oldest, None)
         return voice
 
     def _open_voice(self, language: str, code: str) -> SpeechVoice | None:
         """Open the voice for a language such as "de-AT", else for its ``code``, "de"; warns if there is none."""
         listed = _read_voices(self.voices, where=f"{self.name}.voices")
         why = ""
-        for wanted in dict.fromkeys((listed.get(code, language), code)):
+        for wanted in dict.fromkeys((listed.get(language) or listed.get(code, language), code)):
             try:
                 return open_voice(wanted, self.rate_wpm, self.pitch)
             except (InstallationError, ParameterError) as error:
