@@ -23,5 +23,5 @@ def test_errors_change_words():
 
 def test_unrelated_sentences_are_not_understood():
     script = reception_script()
-    texts = random.Random(1).sample(unrelated(), 60)
-    assert sum(bool(script.grammar.read(text, "en")) for text in texts) <= 1
+    texts = unrelated()
+    assert sum(bool(script.grammar.read(text, "en")) for text in texts) <= len(texts) / 60
