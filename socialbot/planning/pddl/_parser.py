@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from socialbot.core.errors import PlanningError
 from socialbot.core.limits import PDDL_DEPTH
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
-from socialbot.planning.pddl.formulas import Terms, TypedName, number_text
+from socialbot.planning.pddl.formulas import Terms, TypedName
 
-_TOKEN = re.compile(r"[()]|[^\s()]+")
+TOKEN = re.compile(r"[()]|[^\s()]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
     end = nested = 0
     open_groups: list[tuple[int, list[Sexpression]]] = []
     for number, line in enumerate(text.removeprefix("\ufeff").lower().split("\n"), 1):
-        for token in _TOKEN.findall(line.partition(";")[0]):
+        for token in TOKEN.findall(line.partition(";")[0]):
             if whole is not None and token != ")" and whole.head != "define":
                 what = f"expected (define ...), found ({whole.head} ...)"
                 raise PlanningError(what, where=f"{where}:{whole.line}", remedy="remove it; a file begins with (define")
@@ -296,22 +296,11 @@ class Vocabulary:
         return item.text
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
 
 
 def is_number(item: Sexpression) -> bool:
-    return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
-
-
-def planner_text(text: str) -> str:
-    """Return PDDL with all numbers as the standard writes them: ``.5`` and ``5.`` are refused by some planners."""
-    return _TOKEN.sub(lambda found: _standard_number(found[0]), text)
-
-
-def _standard_number(token: str) -> str:
-    word = token.lower()
-    fraction = ("." in word or "e" in word) and _NUMBER.fullmatch(word)
-    return number_text(float(word)) if fraction else token
+    return isinstance(item, SexpWord) and NUMBER.fullmatch(item.text) is not None
 
 
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:

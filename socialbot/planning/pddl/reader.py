@@ -14,6 +14,8 @@ from dataclasses import replace
 
 from socialbot.planning.pddl._formula_reader import NO_PREFERENCES, FormulaReader
 from socialbot.planning.pddl._parser import (
+    NUMBER,
+    TOKEN,
     Scope,
     SexpGroup,
     Sexpression,
@@ -44,6 +46,7 @@ from socialbot.planning.pddl.formulas import (
     Predicate,
     Quantified,
     TypedName,
+    number_text,
 )
 from socialbot.planning.pddl.semantics import substitute
 from socialbot.planning.pddl.state import Derivation
@@ -357,3 +360,14 @@ class _ProblemReader(_FileReader):
             names.domain, functions={"total-time": Signature("total-time"), **names.domain.functions}
         )
         return Metric(direction.text, self._formulas.expression(section.items[2], Scope()))  # pyright: ignore[reportArgumentType]
+
+
+def planner_text(text: str) -> str:
+    """Return PDDL with all numbers as the standard writes them: ``.5`` and ``5.`` are refused by some planners."""
+    return TOKEN.sub(lambda found: _standard_number(found[0]), text)
+
+
+def _standard_number(token: str) -> str:
+    word = token.lower()
+    fraction = ("." in word or "e" in word) and NUMBER.fullmatch(word)
+    return number_text(float(word)) if fraction else token

@@ -15,13 +15,12 @@ from typing import Protocol
 
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
-from socialbot.planning.pddl._parser import planner_text
 from socialbot.planning.pddl.causal_order import contributing
 from socialbot.planning.pddl.detours import without_detours
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
-from socialbot.planning.pddl.reader import read_problem
+from socialbot.planning.pddl.reader import planner_text, read_problem
 from socialbot.planning.pddl.restriction import KEPT_OPTIONS, with_fewer_options
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run

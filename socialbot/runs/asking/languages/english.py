@@ -5,24 +5,15 @@ from itertools import product
 
 from socialbot.runs.asking.languages.language import Language, Voices, word_set
 
+_MOMENTS = (
+    "time", "moment", "moments", "point", "second", "seconds", "minute", "instant", "stage", "occasion", "occasions",
+)  # fmt: skip
 _TIMES = ",".join(
     f"{before} {asking} {time}"
     for before, asking, time in product(
         ("at", "in", "on", "from", "until"),
         ("what", "which"),
-        (
-            "time",
-            "moment",
-            "moments",
-            "point",
-            "second",
-            "seconds",
-            "minute",
-            "instant",
-            "stage",
-            "occasion",
-            "occasions",
-        ),
+        _MOMENTS,
     )
 )
 """Phrases that ask for a time: ``at which moment``."""
