@@ -75,6 +75,22 @@ def endless_gap(chance: random.Random, known: bytes) -> bytes:
     return HEADER + known[:12] + submessage(GAP, content)
 
 
+def freed(known: bytes, number: int) -> bytes:
+    """The first part of message ``number`` in the name of a publisher, and a gap up to it.
+
+    Fast DDS 2.14 then frees the message and leaves it in the queue of a reliable subscription.
+    """
+    place, size, part = struct.pack("<iI", 0, number), 30_000, 1_000
+    begin = struct.pack("<HH", 0, 28) + bytes(4) + known[12:16] + place + struct.pack("<IHHI", 1, 1, part, size)
+    content = bytes(4) + known[12:16] + struct.pack("<iIiII", 0, 1, 0, number + 1, 0)
+    return HEADER + known[:12] + submessage(DATA_FRAG, begin + bytes(part)) + submessage(GAP, content)
+
+
+def freed_messages(chance: random.Random, known: bytes) -> bytes:
+    """One of the next messages, `freed`."""
+    return freed(known, chance.randrange(1, 5000))
+
+
 def participants(chance: random.Random, known: bytes) -> bytes:
     """The announcement of a participant that does not exist, with a lease of 100 s."""
     prefix = b"\x01\x0f" + chance.randbytes(10)
@@ -175,6 +191,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "malformed": malformed,
     "heartbeats": heartbeats,
     "gaps": gaps,
+    "freed_messages": freed_messages,
     "samples": samples,
     "endless_gap": endless_gap,
     "participants": participants,

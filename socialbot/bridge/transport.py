@@ -287,7 +287,7 @@ class Transport:
             InstallationError: The ROS type of ``kind`` is not installed.
         """
         name, ros_class = ros.resolve_topic_name(topic), self.message_class(kind)
-        if not issubclass(kind, Structured) and self.has_detached_seals(name):
+        if issubclass(kind, BULK_TYPES) or (not issubclass(kind, Structured) and self.has_detached_seals(name)):
             deserialize = _deserializer(kind, ros_class)
 
             def take_bytes(cdr: bytes, info: Any) -> None:

@@ -3,11 +3,15 @@
 rclpy makes a wait set for each message, with all entities of its nodes and two event handlers of each publisher and
 subscription, and a task for each callback. It then wakes itself, for other threads that may wait. Here a wait set is
 kept until entities are created or destroyed, and messages and timers call their callbacks directly.
+
+Messages are taken as bytes. Fast DDS 2.14 can free a message in the queue of a reliable subscription: a GAP about a
+message of which only parts have come removes it from one of two lists. Reading it never ends. Its bytes are empty.
 """
 
 from __future__ import annotations
 
 import inspect
+import logging
 import threading
 import time
 from collections import deque
@@ -15,16 +19,27 @@ from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from typing import Any
 
-from rclpy.event_handler import EventHandler
+from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.utilities import timeout_sec_to_nsec
 
+from socialbot.bridge._endpoints import is_power_of_ten
+
+log = logging.getLogger("socialbot.security")
+
 POLL_PERIOD_S = 1.0
 """Shortest time (s) between two looks for QoS events, which are rare, for instance an incompatible QoS."""
+
+REPLACEMENT_S = 6.0
+"""Shortest time (s) between two replacements of damaged subscriptions, which strangers can cause."""
+
+DAMAGED_PAUSE_S = 0.002
+"""Pause (s) after each empty message until the replacement: DDS returns it at once, again and again."""
 
 KINDS = {
     "timer": "timers",
@@ -136,6 +151,9 @@ class OneThreadExecutor(SingleThreadedExecutor):
         super().__init__(**options)
         self._steady_s = clock
         self._polled_s = clock() - POLL_PERIOD_S
+        self._replaced_s = clock() - REPLACEMENT_S
+        self._replacements = 0
+        self._empty: tuple[int, Any] | None = None
         self._spinning = 0
         self._is_changed = True
         self._ready: deque[_Ready] = deque()
@@ -234,7 +252,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
 
     def _handle(self, kind: str, entity: Any, node: Any) -> None:
         if kind == "subscription":
-            self._receive(entity)
+            self._receive(entity, node)
         elif kind == "timer":
             self._call_timer(entity)
         else:
@@ -242,16 +260,63 @@ class OneThreadExecutor(SingleThreadedExecutor):
             task()
             task.result()  # raises the exception of the callback
 
-    def _receive(self, subscription: Any) -> None:
+    def _receive(self, subscription: Any, node: Node) -> None:
         try:
             with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                taken = subscription.handle.take_message(subscription.msg_type, True)
         except InvalidHandle:
             return
         if taken is None:
             return
+        message, info = taken
+        if not message:
+            if self._empty == (id(subscription), info):  # another sender's empty message comes once
+                self._replace_damaged(subscription, node)
+            self._empty = id(subscription), info
+            return
+        if not subscription.raw:
+            try:
+                message = deserialize_message(message, subscription.msg_type)
+            except _rclpy.RMWError:  # it is none of the type
+                return
         is_alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
-        self._finish(subscription.callback(*(taken[:1] if is_alone else taken)))
+        self._finish(subscription.callback(message) if is_alone else subscription.callback(message, info))
+
+    def _replace_damaged(self, subscription: Any, node: Node) -> None:
+        """Give ``subscription`` a new queue. Its owners keep the object."""
+        now_s = self._steady_s()
+        if now_s - self._replaced_s < REPLACEMENT_S:
+            time.sleep(DAMAGED_PAUSE_S)
+            return
+        self._replaced_s = now_s
+        self._replacements += 1
+        if is_power_of_ten(self._replacements):
+            text = "%s: the middleware holds an empty message in its queue; subscribed again (%d)"
+            log.warning(text, subscription.topic_name, self._replacements)
+        made: Any = node.create_subscription(
+            subscription.msg_type,
+            subscription.topic,
+            subscription.callback,
+            subscription.qos_profile,
+            callback_group=subscription.callback_group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=subscription.raw,
+        )
+        events = [
+            EventHandler(
+                callback_group=each.callback_group,
+                callback=each.callback,
+                event_type=each.event_type,
+                parent_impl=made.handle,
+            )
+            for each in subscription.event_handlers
+        ]
+        for each in events:
+            node.add_waitable(each)
+        damaged, subscription._Subscription__subscription = subscription.handle, made.handle
+        made._Subscription__subscription = damaged
+        made.event_handlers, subscription.event_handlers = subscription.event_handlers, events
+        node.destroy_subscription(made)
 
     def _call_timer(self, timer: Any) -> None:
         try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from time import sleep
@@ -12,10 +14,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
+from evaluation.rtps_attack import freed, ports
 from socialbot.bridge.environment import ros_context
 from socialbot.bridge.qos import profile
 from socialbot.bridge.wait_sets import POLL_PERIOD_S, OneThreadExecutor
@@ -110,6 +114,42 @@ def test_a_topic_may_change_its_type(spun: _Spun):
     spun.settle(3)
     spun.node.destroy_subscription(old)
     spun.node.create_subscription(String, "/either", spun.take, 100)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_a_message_that_dds_has_freed_in_its_queue_stops_nothing(spun: _Spun, raw: bool, caplog: Any):
+    """Fast DDS reads it again and again, without end, or returns it as an empty message."""
+    sizes: list[int] = []
+
+    def take(message: Any) -> None:
+        sizes.append(len(message))
+        spun.take(deserialize_message(message, String))
+
+    subscription = spun.node.create_subscription(String, "/said", take if raw else spun.take, 100, raw=raw)
+    assert spun.is_hearing("first")
+    damaged, publisher = subscription.handle, bytes(spun.node.get_publishers_info_by_topic("/said")[0].endpoint_gid)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for port in ports(int(os.environ["ROS_DOMAIN_ID"])):
+            sender.sendto(freed(publisher, 100), ("127.0.0.1", port))
+    assert spun.until(lambda: spun.said.publish(String(data="lost")) or subscription.handle is not damaged)
+    assert spun.is_hearing("after")
+    assert 0 not in sizes
+    assert "/said" in caplog.text
+    assert len(list(spun.node.subscriptions)) == 1
+    spun.node.destroy_subscription(subscription)
+    assert not list(spun.node.subscriptions)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff"])
+def test_messages_that_are_none_of_the_type_are_dropped(spun: _Spun, content: bytes):
+    subscription = spun.node.create_subscription(String, "/said", spun.take, 100)
+    assert spun.is_hearing("first")
+    for _ in range(3):
+        spun.said.publish(content)
+    heard, handle = len(spun.heard), subscription.handle
+    assert spun.is_hearing("second")
+    assert set(spun.heard[heard:]) <= {"first", "second"}
+    assert subscription.handle is handle
 
 
 def test_entities_of_a_callback_are_heard(spun: _Spun):
