@@ -27,7 +27,7 @@ SUPERVISED = ("endless_gap", "removed_publishers", "removed_subscriptions")
 """Attacks after which a supervisor has to start a process again."""
 UNSUPERVISED = tuple(name for name in ATTACKS if name not in (*SUPERVISED, "acknacks"))
 """Attacks after which a process goes on without a supervisor; ``acknacks`` does harm on a bad link only."""
-FORGED, FORGED_BOUND_S = ("heartbeats", "gaps"), 15.0
+FORGED, FORGED_BOUND_S = ("heartbeats", "gaps", "freed_messages"), 15.0
 """Attacks in the name of a publisher, after which a subscription has to be replaced."""
 CALM_S = 20.0
 NEW_S = 30.0

@@ -84,7 +84,7 @@ def attack(
 
 @pytest.mark.ros
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["heartbeats", "gaps", "samples"])
+@pytest.mark.parametrize("name", ["heartbeats", "gaps", "samples", "freed_messages"])
 def test_messages_arrive_again_after_false_packets_end(name: str, tmp_path: Path) -> None:
     """Messages of all kinds, each once, also on topics that are seldom used."""
     new_key("robot", tmp_path / "keys")
