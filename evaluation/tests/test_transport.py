@@ -50,7 +50,8 @@ def test_a_short_run_tells_latency_losses_age_and_cost():
     assert content["stale_age_max_ms"] > content["stale_excess_max_ms"] > 0
     assert content["stale_dropped"] >= 10
     assert content["stale_dropped"] + content["stale_processed"] == content["frames_sent"]
-    assert set(content["required"]) == {"latency_p99_ms", "frames_lost", "actions_missing", "stale_excess_max_ms"}
+    limited = {"latency_p99_ms", "frames_lost", "actions_missing", "stale_excess_max_ms", "executor_share"}
+    assert set(content["required"]) == limited
     for nodes in ("nodes", "nodes_slow"):
         assert set(content[nodes]) == {"agent", "camera", "detector", "image_converter"}
         assert all(20 < node["peak_rss_mb"] < 500 for node in content[nodes].values())
