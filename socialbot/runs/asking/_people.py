@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Presence, persons_in
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
-from socialbot.runs.asking._sentences import Claim, Clause, number
+from socialbot.runs.asking._sentences import Claim, Clause
 
 SIDES = ("left", "middle", "right")
 """Thirds of a picture."""
@@ -88,7 +88,7 @@ def saw(scope: Scope, frame: TraceRecord, persons: Sequence[str], *, has_side: b
     for name in persons[:MOST_NAMED]:
         shown, distance = scope.speech.people([name]), known[name].get("distance_m")
         if distance is not None:
-            shown = scope.speech.say("away", person=shown, distance=number(distance))
+            shown = scope.speech.say("away", person=shown, distance=scope.speech.number(distance))
         side = _side(known[name], frame.detail.get("width")) if has_side else None
         if side is not None:
             sides = scope.speech.say("sides").split("|")
@@ -197,8 +197,8 @@ def stay(scope: Scope, visit: Presence) -> Clause:
     text = scope.speech.say(
         "here_you" if is_you else "here",
         person=scope.speech.people([visit.person]),
-        at=number(at_s),
-        until=number(until_s),
+        at=scope.speech.number(at_s),
+        until=scope.speech.number(until_s),
     )
     return Clause(text, (visit.first.id, last.id), Claim("here", at_s=at_s, until_s=until_s, persons=(visit.person,)))
 

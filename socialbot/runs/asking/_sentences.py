@@ -85,15 +85,15 @@ class Answer(msgspec.Struct, frozen=True):
     options: tuple[Answer, ...] = ()
 
 
-def number(value: float) -> str:
-    """Return a number with at most one decimal."""
-    return f"{round(value, 1):g}"
+def _number(value: float, sentences: Mapping[str, str]) -> str:
+    """Return a number with at most one decimal, as the language of ``sentences`` writes it."""
+    return f"{round(value, 1):g}".replace(".", sentences["decimal"])
 
 
 def time_in_words(seconds: float, asked_at_s: float | None, sentences: Mapping[str, str]) -> str:
     """Return a time in words: from the start of the run, or back from the time of the question if that is given."""
     if asked_at_s is None or seconds > asked_at_s:
-        return sentences["at"].format(at=number(seconds))
+        return sentences["at"].format(at=_number(seconds, sentences))
     ago = round(asked_at_s - seconds)
     return sentences["ago"].format(ago=ago) if ago > 1 else sentences["just_now"]
 
@@ -132,6 +132,10 @@ class Speech:
     def say(self, name: str, **values: object) -> str:
         return self.fixed[name].format(**values)
 
+    def number(self, value: float) -> str:
+        """Return a number with at most one decimal."""
+        return _number(value, self.fixed)
+
     def people(self, persons: Sequence[str], nobody: str = "somebody") -> str:
         """Return people in words; without any, the word ``nobody``."""
         named = [self.say("somebody") if one == "somebody" else self.say("person", id=one) for one in persons]
@@ -158,7 +162,7 @@ class Speech:
 
     def within(self, clause: Clause, begin_s: float, end_s: float) -> Clause:
         """Return a clause with its span of time (s) in front."""
-        text = self.say("within", at=number(begin_s), until=number(end_s), clause=clause.text)
+        text = self.say("within", at=self.number(begin_s), until=self.number(end_s), clause=clause.text)
         return msgspec.structs.replace(clause, text=text)
 
     def then(self, seconds: float, text: str) -> str:
@@ -314,7 +318,7 @@ class Speech:
         if held is None:
             return None, None, []
         seconds = self.facts.seconds(stamp) - self.facts.seconds(held.begin)
-        return text.replace(found[0], number(seconds)), round(seconds, 6), [held.record.id]
+        return text.replace(found[0], self.number(seconds)), round(seconds, 6), [held.record.id]
 
     def _percept(self, belief: TraceRecord) -> TraceRecord | None:
         """Return what the sensor of a belief noted, in English and in the past; None without a note."""
@@ -356,7 +360,7 @@ class Speech:
         """Return the clause of how long a deed took."""
         value = round((end.stamp - deed.stamp) / SECOND, 6)
         claim = Claim("took", deed.source, at_s=self.facts.seconds(deed.stamp), value=value)
-        return Clause(self.say("took", value=number(value)), (deed.id, end.id), claim)
+        return Clause(self.say("took", value=self.number(value)), (deed.id, end.id), claim)
 
     def narrated(self, record: TraceRecord, kind: ClaimKind) -> Clause:
         """Return the clause that explanations have for a record."""

@@ -63,7 +63,7 @@ def test_what_was_left_undone_is_asked_for(waldo, question):
         ("Longest visit?", "Person t1 was here from 2 to 13.9 s."),
         ("Was anyone there a quarter of a minute in?", "At 15 s I saw nobody."),
         ("Show me what was detected at 22 s.", "At 22 s I saw person t2 4 m away."),
-        ("Könntest du mir sagen, wann t2 da war?", "Person t2 war von 20 bis 24.9 s hier."),
+        ("Könntest du mir sagen, wann t2 da war?", "Person t2 war von 20 bis 24,9 s hier."),
     ],
 )
 def test_states_and_counts_are_asked_for(waldo, question, text):

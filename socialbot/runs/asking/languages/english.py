@@ -260,6 +260,7 @@ ENGLISH = Language(
     },
     {
         "because": " because",
+        "decimal": ".",
         "and": "and",
         "at": "at {at} s",
         "within": "from {at} to {until} s {clause}",

@@ -157,6 +157,7 @@ FRENCH = Language(
     },
     {
         "because": " car",
+        "decimal": ",",
         "and": "et",
         "at": "à {at} s",
         "within": "de {at} à {until} s, {clause}",

@@ -170,6 +170,7 @@ GERMAN = Language(
     },
     {
         "because": ", denn",
+        "decimal": ",",
         "and": "und",
         "at": "bei {at} s",
         "within": "von {at} bis {until} s: {clause}",

@@ -155,6 +155,7 @@ SPANISH = Language(
     },
     {
         "because": " porque",
+        "decimal": ",",
         "and": "y",
         "at": "a los {at} s",
         "within": "de {at} a {until} s {clause}",
