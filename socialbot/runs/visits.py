@@ -2,7 +2,8 @@
 
 The people come from the ground truth of the bag where there is one, else from the tracks of the detector. The rule is
 independent of the agents: a visitor who engages (`socialbot.vision.metrics.behaviour`) is due to be addressed. They are
-addressed ``in time`` up to `ADDRESS_S` after that, then ``late`` until `RECENT_S` after the visit, or ``missed``.
+addressed ``in time`` up to `ADDRESS_S` before or after that, then ``late`` until `RECENT_S` after the visit, or
+``missed``. A sentence from longer before counts only if no other one follows: it may have been for somebody else.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
 from socialbot.runs.pages import Cell, Table
 from socialbot.runs.record import WELL
-from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, visits
+from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, answer_to, visits
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
 
@@ -54,7 +55,7 @@ class Visit(msgspec.Struct, frozen=True, kw_only=True):
 
     ``faced_s`` is the first time at which they faced the robot, where faces are known. ``engaged_s`` is the begin of
     facing the robot, standing before it or walking up to it. None if they never did.
-    ``delay_s`` is the time from then to the first sentence.
+    ``delay_s`` is the time from then to the sentence that answers them.
     """
 
     person: str
@@ -185,7 +186,8 @@ def _action(history: History, sentence: TraceRecord) -> str:
 def _outcome(visit: PersonVisit, heard: Sequence[int]) -> tuple[Outcome, float | None]:
     if visit.engages is None:
         return "not due", None
-    if not heard:
+    answer = answer_to(visit.engages, heard, ADDRESS_S)
+    if answer is None:
         return "missed", None
-    delay_s = max(0.0, (heard[0] - visit.engages) / SECOND)
+    delay_s = max(0.0, (answer - visit.engages) / SECOND)
     return ("in time" if delay_s <= ADDRESS_S else "late"), delay_s

@@ -93,6 +93,24 @@ def test_an_engaged_visitor_is_due(tmp_path: Path, said: dict[int, str], outcome
     assert only(recorded(tmp_path, stays("t1", 10, 60, facing_rad=0.1), said)).outcome == outcome
 
 
+@pytest.mark.parametrize(
+    ("said", "outcome", "delay_s"),
+    [
+        ({10: "To another"}, "in time", 0.0),
+        ({10: "To another", 65: "Hello!"}, "in time", 0.7),
+        ({10: "To another", 95: "Hello!"}, "late", 3.7),
+        ({50: "Hello!", 95: "Bye!"}, "in time", 0.0),
+    ],
+)
+def test_a_sentence_long_before_a_visitor_engages_answers_them_only_if_no_other_follows(
+    tmp_path: Path, said: dict[int, str], outcome: str, delay_s: float
+):
+    seen = stays("t1", 0, 60, facing_rad=2.5) | stays("t1", 60, 120, facing_rad=0.1)
+    visit = only(recorded(tmp_path, seen, said))
+    assert (visit.engaged_s, visit.outcome) == (5.8, outcome)  # by the median of the angles
+    assert visit.delay_s == pytest.approx(delay_s)
+
+
 def test_a_visitor_with_the_back_turned_is_not_due(tmp_path: Path):
     visit = only(recorded(tmp_path, stays("t1", 10, 60, facing_rad=2.5), {}))
     assert (visit.engaged_s, visit.outcome) == (None, "not due")

@@ -214,6 +214,20 @@ def _message(found: FoundFrame) -> PersonDetections:
     )
 
 
+def answer_to(engages: int, heard: Sequence[int], within_s: float) -> int | None:
+    """Return which of the sentences ``heard`` during a visit answers a visitor who ``engages``; None without any.
+
+    That is the next one, or one from up to ``within_s`` before if the next one comes later than that. If there is no
+    next one, it is the last one before. Times are stamps (ns).
+    """
+    begin, end = engages - nanoseconds(within_s), engages + nanoseconds(within_s)
+    early = [time for time in heard if begin <= time < engages]
+    later = min((time for time in heard if time >= engages), default=None)
+    if early and (later is None or later > end):
+        return early[-1]
+    return max(heard, default=None) if later is None else later
+
+
 def _greetings(times: Sequence[int], scene: _Scene) -> Iterable[Act]:
     useful: set[int] = set()
     for visit in scene.new:
@@ -221,13 +235,7 @@ def _greetings(times: Sequence[int], scene: _Scene) -> Iterable[Act]:
             continue
         # A greeting counts from the approach on; who arrives beside others hears theirs.
         begin, end = scene.approach(visit), visit.end + nanoseconds(RECENT_S)
-        heard = [time for time in times if begin <= time <= end]
-        early = [time for time in heard if visit.engages - nanoseconds(GREET_S) <= time < visit.engages]
-        time = min((time for time in heard if time >= visit.engages), default=None)
-        if early and (time is None or time - visit.engages > nanoseconds(GREET_S)):
-            time = early[-1]
-        elif time is None and heard:
-            time = heard[-1]
+        time = answer_to(visit.engages, [time for time in times if begin <= time <= end], GREET_S)
         if time is None:
             yield Act("greeting", "missed", visit.engages)
         else:
