@@ -13,6 +13,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import JumpThreshold, TimeJump
@@ -52,7 +53,7 @@ from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Rou
 from socialbot.bridge.transport import Listener, Receiver, Sender, Transport, open_transport, refusal_reason
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
-from socialbot.core.messages import Health, Message, Structured, Transforms
+from socialbot.core.messages import Health, JointTrajectory, Message, Structured, Transforms
 from socialbot.graph.health import health_topics, publishers
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
@@ -379,8 +380,17 @@ class NodeHost:
         number = self._sent[topic] + 1
         on_dds = port.delivery is Delivery.LATCHED or sender.drivers is not None
         if on_dds or not self._intra_process.deliver(sender.publisher, message, number):
-            sender.publish(message)
+            sender.publish(self._at_once(message))
         self._sent[topic] = number
+
+    def _at_once(self, message: Message) -> Message:
+        """Remove the stamp of a motion in real time, so that the controller begins it when it arrives.
+
+        A controller whose clock differs would refuse a motion that ends in its past, and wait for one in its future.
+        """
+        if isinstance(message, JointTrajectory) and not self._simulated:
+            return msgspec.structs.replace(message, stamp=0)
+        return message
 
     def _sender_to(self, port: Output[Any], message: Message) -> Sender:
         """The sender on the topic of the receiver of ``message``, which may be outside the graph."""

@@ -24,6 +24,7 @@ from socialbot.bridge.environment import BLOCKED_S, free_domain, ros_domain, spi
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.run_announcer import locked_runs
 from socialbot.bridge.transport import Subscription, open_transport
+from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.health import publishers
@@ -116,19 +117,22 @@ def observe_graph(
     *,
     latched: Collection[str] = (),
     name: str = "observer",
+    clock: Clock | None = None,
 ) -> Iterator[GraphObserver]:
     """Observe a graph inside the block; one thread calls ``observe`` and ``on_status``.
 
-    The last message of ``latched`` topics is also received if older than the observer. Raises InstallationError when
-    ROS, or the message package for this ``form``, is not installed.
+    The last message of ``latched`` topics is also received if older than the observer. Messages without a stamp get
+    the time of ``clock``, by default that of a live graph. Raises InstallationError when ROS, or the message package
+    for this ``form``, is not installed.
     """
+    now = (clock or WallClock()).now
     with spinning_node(name) as ros:
         transport = open_transport(form=form)
         subscriptions = {}
         for topic, kind in topics.items():
             take, late = functools.partial(observe, topic), topic in latched
             qos = observer_qos(latched=late)
-            subscriptions[topic] = transport.subscribe(ros, topic, kind, take, qos=qos, latched=late)
+            subscriptions[topic] = transport.subscribe(ros, topic, kind, take, qos=qos, latched=late, now=now)
         yield GraphObserver(ros, subscriptions, DiagnosticsSubscriber(ros, on_status))
 
 

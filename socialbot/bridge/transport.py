@@ -253,14 +253,16 @@ class Transport:
         *,
         qos: Any = None,
         latched: bool = False,
+        now: Callable[[], int] = lambda: 0,
     ) -> Subscription[M]:
         """Subscribe the rclpy node ``ros`` to a topic of the graph, by default to every message.
 
-        ``take`` gets the valid messages in the thread that spins the node; refused ones are logged.
+        ``take`` gets the valid messages in the thread that spins the node; refused ones are logged. ``now`` is that of
+        `listen`.
         """
         made = Subscription(topic, take)
         qos = qos or subscription_qos(Delivery.EVERY)
-        made.listener = self.listen(ros, topic, kind, made.receive, made.refuse, qos=qos, latched=latched)
+        made.listener = self.listen(ros, topic, kind, made.receive, made.refuse, qos=qos, latched=latched, now=now)
         return made
 
     def listen(

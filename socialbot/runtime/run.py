@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from socialbot.core.clock import ManualClock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
@@ -165,7 +166,7 @@ class Execution:
         statistics = LatestStatistics(self.graph)
         with (
             with_standard_types(self.graph, self.observe) as observe,
-            observe_graph(topics, observe, statistics.note, self.graph.wire) as observer,
+            observe_graph(topics, observe, statistics.note, self.graph.wire, clock=ManualClock()) as observer,
         ):
             expect_free_names(observer.ros, self.graph)
             with Launch(self.graph, self.logs, sim_time=True, composed=self.composed) as launch:

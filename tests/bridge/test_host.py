@@ -13,10 +13,11 @@ import pytest
 from socialbot.bridge import _callback_queue
 from socialbot.bridge.diagnostics import DiagnosticsSubscriber
 from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Health, RosMessage, Structured, Utterance
+from socialbot.core.messages import Health, JointTrajectory, RosMessage, Structured, Utterance
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
 from tests.bridge.hosting import has_receivers, node_hosts
@@ -123,6 +124,35 @@ def test_message_on_the_topic_of_its_receiver_is_sent_to_nobody_else() -> None:
             assert set(home.got) == {name}
             readers = postman.ros_node.get_subscriptions_info_by_topic(f"/{name}/letters")
             assert [each.node_name for each in readers] == [name]
+
+
+class Nodder(Node):
+    """Publish a motion."""
+
+    motion = Output(JointTrajectory, "/neck/joint_trajectory")
+
+    def nod(self) -> None:
+        still = {"joint_names": ("tilt",), "positions": (0.1,), "velocities": (0.0,), "duration_s": 0.2}
+        self.motion.publish(JointTrajectory(stamp=self.clock.now(), **still))
+
+
+def test_a_controller_begins_a_motion_when_it_arrives_whatever_its_clock_says() -> None:
+    from trajectory_msgs.msg import JointTrajectory as RosTrajectory
+
+    got: list[Any] = []
+    seen: list[Any] = []
+    topics = {"/neck/joint_trajectory": JointTrajectory}
+    begun = time.time_ns()
+    with spinning_node("controller") as ros, observe_graph(topics, lambda _, each: seen.append(each), print):
+        ros.create_subscription(RosTrajectory, "/neck/joint_trajectory", got.append, 10)
+        with node_hosts(Graph("neck", (NodeConfig("nodder", Nodder),))) as host:
+            nodder = host("nodder")
+            assert eventually(lambda: nodder.active_thread is not None)
+            assert eventually(lambda: has_receivers(nodder, "motion", 2))
+            nodder.active_thread.queue.call_soon(nodder.node.nod)
+            assert eventually(lambda: bool(got and seen))
+    assert (got[-1].header.stamp.sec, got[-1].header.stamp.nanosec) == (0, 0)
+    assert seen[-1].stamp >= begun  # the record of the run has the time of arrival
 
 
 def test_a_node_starts_without_missing_subscribers_after_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
