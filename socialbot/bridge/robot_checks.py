@@ -110,7 +110,8 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
         observer_qos(latched=True) if each.places else qos_profile_sensor_data,
     )
     if each.places:
-        ros.create_subscription(message_class(each.type), "/tf", keep, qos_profile_sensor_data)
+        moving = each.name.removesuffix("_static")
+        ros.create_subscription(message_class(each.type), moving, keep, qos_profile_sensor_data)
 
 
 def _expected(each: Requirement) -> int:

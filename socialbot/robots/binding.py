@@ -18,7 +18,15 @@ from socialbot.graph.files import node_type
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input
 from socialbot.robots.head import TARGET, RobotHead
-from socialbot.robots.profile import CameraProfile, HeadProfile, Part, RobotProfile, load_profile, read_profile
+from socialbot.robots.profile import (
+    STANDARD_TOPICS,
+    CameraProfile,
+    HeadProfile,
+    Part,
+    RobotProfile,
+    load_profile,
+    read_profile,
+)
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.camera_node import Camera
 from socialbot.vision.images import ImageConverter
@@ -70,16 +78,31 @@ def with_robot(graph: Graph, profile: RobotProfile) -> Graph:
         GraphError: A node type of the profile is unknown or does not fit its part.
         ParameterError: A parameter of the profile is invalid.
     """
+    namespace, profile = profile.namespace, profile.resolved
     for part, change in _CHANGES.items():
         value = getattr(profile, part)
         if value is not None:
             graph = change(graph, value, profile)
+    if namespace:
+        graph = _in_namespace(graph, namespace)
     if profile.url:
         nodes = [
             _changed(each, {"url": profile.url}) if "url" in each.type.parameters() else each for each in graph.nodes
         ]
         graph = replace(graph, nodes=tuple(nodes))
     return graph
+
+
+def _in_namespace(graph: Graph, namespace: str) -> Graph:
+    """Connect inputs for the standard topics of a robot with those in its ``namespace``."""
+    published = {topic for config in graph.nodes for topic, _ in config.publications}
+    moved = {topic: namespace + topic for topic in STANDARD_TOPICS if topic not in published}
+    nodes = [
+        _changed(each, remap={port.name: moved[topic] for topic, port in each.subscriptions if topic in moved})
+        for each in graph.nodes
+    ]
+    inputs = frozenset(moved.get(topic, topic) for topic in graph.inputs)
+    return replace(graph, nodes=tuple(nodes), inputs=inputs)
 
 
 def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> Graph:

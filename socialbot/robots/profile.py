@@ -134,6 +134,8 @@ class RobotProfile:
         tested: How the profile was tested.
         hint: How to start the drivers of the robot, for ``socialbot doctor``.
         url: Address of the robot's daemon, if it has one.
+        namespace: Namespace of the robot's topics and actions, before each name of the profile, and before
+            `STANDARD_TOPICS`.
         where: File of the profile.
     """
 
@@ -142,6 +144,7 @@ class RobotProfile:
     tested: Tested = "none"
     hint: str = ""
     url: str = ""
+    namespace: str = ""
     camera: CameraProfile | None = None
     head: HeadProfile | None = None
     base: Part | None = None
@@ -149,13 +152,34 @@ class RobotProfile:
     people: Part | None = None
     where: str = ""
 
+    @property
+    def resolved(self) -> RobotProfile:
+        """The profile with full names, without a namespace."""
+        if not self.namespace:
+            return self
 
-_PROFILE_KEYS = ("name", "title", "tested", "hint", "url", "camera", "head", "base", "speech", "people")
+        def full(name: str) -> str:
+            return self.namespace + name if name else ""
+
+        changed: dict[str, Any] = {"namespace": ""}
+        if (camera := self.camera) is not None:
+            names = {key: full(getattr(camera, key)) for key in ("image", "compressed", "info")}
+            changed["camera"] = replace(camera, **names)
+        for key in NAMES:
+            if (part := getattr(self, key)) is not None:
+                changed[key] = replace(part, names={port: full(name) for port, name in part.names.items()})
+        return replace(self, **changed)
+
+
+STANDARD_TOPICS = ("/tf", "/tf_static", "/joint_states")
+"""Topics of a robot that a profile need not name."""
+
+_PROFILE_KEYS = ("name", "title", "tested", "hint", "url", "namespace", "camera", "head", "base", "speech", "people")
 
 NAMES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "head": {
-        "ros2_control": ("trajectory", "action"),
-        "naoqi": ("angles",),
+        "ros2_control": ("trajectory", "action", "joint_states"),
+        "naoqi": ("angles", "joint_states"),
         "reachy_mini": (),
     },
     "base": {"nav2": ("action",)},
@@ -241,6 +265,8 @@ def read_profile(
         for key in ("name", "title", "hint", "tested", "url")
         if key in root.page
     }
+    if "namespace" in root.page:
+        given["namespace"] = root.value("namespace", _Name)
     if "camera" in root.page:
         given["camera"] = _camera(root.section("camera"), base.camera)
     for part in NAMES:
@@ -290,7 +316,7 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
     for key in _NEEDED.get(chosen, ()):
         if not found[key]:
             raise GraphError(f"{key!r} is missing", where=section.where, remedy=f"give the {key} of the robot's driver")
-    if chosen == "ros2_control" and not any(found.values()):
+    if chosen == "ros2_control" and not (found["trajectory"] or found["action"]):
         raise GraphError(
             "a head of type ros2_control needs 'trajectory' or 'action'",
             where=section.where,

@@ -50,13 +50,14 @@ def requirements(profile: RobotProfile) -> Iterator[Requirement]:
     Raises:
         GraphError: A node class of one's own cannot be loaded, or does not fit its part.
     """
+    namespace, profile = profile.namespace, profile.resolved
     if profile.camera is not None:
-        yield from _camera(profile.camera)
+        yield from _camera(profile.camera, namespace)
     if profile.head is not None:
-        yield from _head(profile.head)
+        yield from _head(profile.head, namespace)
     for name, part in (("speech", profile.speech), ("people", profile.people), ("base", profile.base)):
         if part is not None:
-            yield from _part(name, part)
+            yield from _part(name, part, namespace)
     for name, base in PART_BASES.items():
         part: Part | CameraProfile | None = getattr(profile, name)
         if part is not None and part.type and part.type not in {*NAMES.get(name, ()), *NODE_TYPES[base]}:
@@ -95,7 +96,7 @@ def graph_requirements(graph: Graph) -> Iterator[Requirement]:
                 yield Requirement(config.name, kind, topic, port.interface.name, needed=not port.optional)
 
 
-def _camera(camera: CameraProfile) -> Iterator[Requirement]:
+def _camera(camera: CameraProfile, namespace: str) -> Iterator[Requirement]:
     topics: tuple[tuple[str, type[Message], bool], ...] = (
         (camera.image, Image, not camera.compressed),
         (camera.compressed, CompressedImage, not camera.image),
@@ -105,10 +106,12 @@ def _camera(camera: CameraProfile) -> Iterator[Requirement]:
         if topic:
             yield Requirement("camera", "publisher", topic, ros_type(kind), needed, message=kind)
     if (images := camera.image or camera.compressed) and not camera.height_m:
-        yield Requirement("camera", "publisher", "/tf_static", ros_type(Transforms), needed=False, places=images)
+        yield Requirement(
+            "camera", "publisher", f"{namespace}/tf_static", ros_type(Transforms), needed=False, places=images
+        )
 
 
-def _head(head: HeadProfile) -> Iterator[Requirement]:
+def _head(head: HeadProfile, namespace: str) -> Iterator[Requirement]:
     if "action" in head.names:
         yield Requirement("head", "action", head.names["action"], "control_msgs/action/FollowJointTrajectory")
     elif "trajectory" in head.names:
@@ -118,7 +121,8 @@ def _head(head: HeadProfile) -> Iterator[Requirement]:
     else:
         return
     joints = (head.pan.joint, head.tilt.joint)
-    yield Requirement("head", "publisher", "/joint_states", "sensor_msgs/msg/JointState", False, joints)
+    states = head.names.get("joint_states", f"{namespace}/joint_states")
+    yield Requirement("head", "publisher", states, "sensor_msgs/msg/JointState", False, joints)
 
 
 _TYPES: dict[str, tuple[Kind, str, str]] = {
@@ -131,12 +135,12 @@ _TYPES: dict[str, tuple[Kind, str, str]] = {
 """Kind, key of the name and ROS type by type of a part."""
 
 
-def _part(name: str, part: Part) -> Iterator[Requirement]:
+def _part(name: str, part: Part, namespace: str) -> Iterator[Requirement]:
     if part.type in _TYPES:
         kind, key, ros_type = _TYPES[part.type]
         yield Requirement(name, kind, part.names[key], ros_type)
     if part.type in ("ros4hri", "nav2"):
-        yield Requirement(name, "publisher", "/tf", "tf2_msgs/msg/TFMessage")
+        yield Requirement(name, "publisher", f"{namespace}/tf", "tf2_msgs/msg/TFMessage")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import pytest
 
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.graph.files import dump_graph, load_graph, parse_graph
-from socialbot.robots.profile import robot_names
+from socialbot.robots.profile import load_profile, robot_names
+from socialbot.robots.requirements import requirements
 from socialbot.runtime.deployment import parse_deployment
 from tests.robots.test_profile import GOOD
 
@@ -45,6 +46,35 @@ def test_the_robot_has_the_camera_and_the_head(robby):
     assert (head.parameters["pan_limit_rad"], head.parameters["max_speed_rad_s"]) == (1.0, 0.5)
     assert body.parameters["tilt_sign"] == -1
     assert {"/cam/image_raw", "/cam/camera_info"} <= graph.inputs
+
+
+def topics_of(graph, node):
+    config = graph.node(node)
+    return {port.name: topic for topic, port in (*config.subscriptions, *config.publications, *config.clients)}
+
+
+def test_a_robot_in_a_namespace_has_all_of_its_topics_there(tmp_path, robby):
+    first = tmp_path / "first.yaml"
+    first.write_text("like: robby.yaml\nnamespace: /first\nbase: {type: nav2, action: /navigate_to_pose}\n")
+    graph = load_graph("waldo", robot=str(first))
+    detector, body = topics_of(graph, "person_detector"), topics_of(graph, "robot_head")
+    assert topics_of(graph, "image_converter")["image_raw"] == "/first/cam/image_raw"
+    assert {name: detector[name] for name in ("camera_info", "tf", "tf_static")} == {
+        "camera_info": "/first/cam/camera_info", "tf": "/first/tf", "tf_static": "/first/tf_static",
+    }  # fmt: skip
+    assert (body["trajectory"], body["joint_states"]) == ("/first/neck/joint_trajectory", "/first/joint_states")
+    assert topics_of(graph, "speech")["speak"] == "/first/tts_engine/tts"
+    assert detector["detections"] == "/humans/bodies/detections"  # of socialbot
+    named = {each.name for each in requirements(load_profile(str(first)))}
+    assert all(name.startswith("/first/") for name in named)
+    assert {"/first/joint_states", "/first/tf_static", "/first/tf"} <= named
+
+
+def test_the_joint_states_of_a_head_may_have_another_name(tmp_path):
+    path = tmp_path / "robby.yaml"
+    path.write_text(GOOD.replace("  pan:", "  joint_states: /neck/joint_states\n  pan:", 1))
+    assert topics_of(load_graph("waldo", robot=str(path)), "robot_head")["joint_states"] == "/neck/joint_states"
+    assert "/neck/joint_states" in {each.name for each in requirements(load_profile(str(path)))}
 
 
 def test_the_speech_keeps_its_queue_and_its_engine(robby):
