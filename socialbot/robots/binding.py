@@ -17,7 +17,7 @@ from socialbot.core.yaml import YamlSection
 from socialbot.graph.files import node_type
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input
-from socialbot.robots.head import TARGET, RobotHead
+from socialbot.robots.head import NO_PAN, NO_TILT, TARGET, RobotHead
 from socialbot.robots.profile import (
     STANDARD_TOPICS,
     CameraProfile,
@@ -176,8 +176,8 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
     remap = {keys.get(key, key): name for key, name in head.names.items() if keys.get(key, key) in ports}
     body = NodeConfig(HEAD_NODE, kind, {**joints, **head.settings, **head.parameters}, remap, profile.where)
     limits = {
-        "pan_joint": head.pan.joint,
-        "tilt_joint": head.tilt.joint,
+        "pan_joint": head.pan.joint or NO_PAN,
+        "tilt_joint": head.tilt.joint or NO_TILT,
         "pan_limit_rad": min(head.pan.reach_rad, math.pi),
         "tilt_limit_rad": min(head.tilt.reach_rad, math.pi / 2),
         "max_speed_rad_s": min(head.pan.speed_rad_s, head.tilt.speed_rad_s),

@@ -19,6 +19,9 @@ from socialbot.robots.limits import WIDEST_RAD, JointLimits, JointMotion, checke
 TARGET = "/robot/head_target"
 """Topic between the node that decides where to look and the node of the robot's head."""
 
+NO_PAN, NO_TILT = "no_pan", "no_tilt"
+"""Names in head targets of the axis about which a robot does not turn its head."""
+
 _LONGEST_S = 60.0  # longest motion that a target may ask for
 _FRESH_S = 0.5  # older joint states do not count
 _LEAST_SHARE = 0.01  # least share of the full speed that moves a joint of NAOqi
@@ -29,7 +32,8 @@ ANGLES = "naoqi_bridge_msgs/msg/JointAnglesWithSpeed"
 class RobotHead(Node):
     """Head of a robot: checks each target and sends it to the robot within the limits of its joints.
 
-    A target has the joint names of the parameters, positive to the left and up (REP-103). Positions beyond a limit are
+    A target has the joint names of the parameters, positive to the left and up (REP-103). A head with one joint leaves
+    the name of the other one empty, and ignores `NO_PAN` or `NO_TILT` in targets. Positions beyond a limit are
     clamped, and motions that are too fast take longer. Unknown joints and positions that are not finite are refused.
     Of targets that arrive within ``period_s``, the robot gets the newest. When the node stops, the head stops.
 
@@ -40,7 +44,7 @@ class RobotHead(Node):
     target = Input(JointTrajectory, TARGET)
     joint_states = Input("sensor_msgs/msg/JointState", "/joint_states", Delivery.NEWEST, optional=True)
 
-    pan_joint = Parameter("head_pan_joint", "joint that turns the head", fixed=True)
+    pan_joint = Parameter("head_pan_joint", "joint that turns the head; empty: none", fixed=True)
     pan_lower_rad = Parameter(
         -1.2, "least position of the pan joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
     )
@@ -49,7 +53,7 @@ class RobotHead(Node):
     )
     pan_speed_rad_s = Parameter(1.0, "highest speed of the pan joint, rad/s", minimum=0.01, maximum=10.0, fixed=True)
     pan_sign = Parameter(1, "1: the pan joint is positive to the left; -1: to the right", minimum=-1, maximum=1)
-    tilt_joint = Parameter("head_tilt_joint", "joint that nods the head", fixed=True)
+    tilt_joint = Parameter("head_tilt_joint", "joint that nods the head; empty: none", fixed=True)
     tilt_lower_rad = Parameter(
         -0.5, "least position of the tilt joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
     )
@@ -62,10 +66,12 @@ class RobotHead(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._limits = {
+        limits = {
             self.pan_joint: JointLimits(self.pan_lower_rad, self.pan_upper_rad, self.pan_speed_rad_s),
             self.tilt_joint: JointLimits(self.tilt_lower_rad, self.tilt_upper_rad, self.tilt_speed_rad_s),
         }
+        self._limits = {joint: each for joint, each in limits.items() if joint}
+        self._absent = {name for name, joint in ((NO_PAN, self.pan_joint), (NO_TILT, self.tilt_joint)) if not joint}
         self._signs = {self.pan_joint: self.pan_sign or 1, self.tilt_joint: self.tilt_sign or 1}
         self._motion: JointMotion | None = None
         self._from_known_pose = False
@@ -114,7 +120,9 @@ class RobotHead(Node):
             for joint, position in zip(target.joint_names, target.positions, strict=False)
         ]
         turned += target.positions[len(turned) :]
-        wanted = checked_target(target.joint_names, turned, self._limits, where=self.name)
+        known = {**self._limits, **dict.fromkeys(self._absent, JointLimits(0.0, 0.0, 1.0))}
+        checked = checked_target(target.joint_names, turned, known, where=self.name)
+        wanted = {joint: position for joint, position in checked.items() if joint in self._limits}
         if not math.isfinite(target.duration_s) or target.duration_s < 0.0:
             raise MessageError(f"duration {target.duration_s} s", where=self.name, remedy="send 0 or more seconds")
         self._next = wanted, min(target.duration_s, _LONGEST_S)

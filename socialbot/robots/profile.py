@@ -116,9 +116,13 @@ class Part:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
+NO_JOINT = JointProfile("", 0.0, 0.0, 10.0)
+"""Joint of a head that does not turn about this axis."""
+
+
 @dataclass(frozen=True)
 class HeadProfile(Part):
-    """Head of a robot with two joints."""
+    """Head of a robot with one or two joints; the other one is `NO_JOINT`."""
 
     pan: JointProfile = JointProfile("head_pan_joint", -1.2, 1.2, 1.0)
     tilt: JointProfile = JointProfile("head_tilt_joint", -0.5, 0.5, 1.0)
@@ -338,7 +342,10 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
         return Part(**values)
     known_head = usual if isinstance(usual, HeadProfile) else None
     for joint in joints:
-        values[joint] = _joint(section, joint, getattr(known_head, joint, None))
+        values[joint] = _joint(section, joint, getattr(known_head, joint, NO_JOINT))
+    if not (values["pan"].joint or values["tilt"].joint):
+        remedy = "give 'pan', 'tilt' or both, each with joint, lower_rad, upper_rad and speed_rad_s"
+        raise GraphError("the head has no joint", where=section.where, remedy=remedy)
     if values["pan"].joint == values["tilt"].joint:
         raise GraphError(
             f"pan and tilt are the same joint {values['pan'].joint!r}",
@@ -348,11 +355,11 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
     return HeadProfile(**values)
 
 
-def _joint(head: YamlSection, key: str, base: JointProfile | None) -> JointProfile:
-    if key not in head.page and base is not None:
+def _joint(head: YamlSection, key: str, base: JointProfile) -> JointProfile:
+    if key not in head.page:
         return base
     section = head.section(key)
-    joint = section.read(JointProfile, vars(base) if base else {})
+    joint = section.read(JointProfile, {} if base is NO_JOINT else vars(base))
     if not joint.lower_rad <= 0.0 <= joint.upper_rad:
         what, remedy = "0 is not between lower_rad and upper_rad", "write limits around the straight pose"
         raise GraphError(what, where=section.where, remedy=remedy)

@@ -120,7 +120,7 @@ def _head(head: HeadProfile, namespace: str) -> Iterator[Requirement]:
         yield Requirement("head", "subscriber", head.names["angles"], "naoqi_bridge_msgs/msg/JointAnglesWithSpeed")
     else:
         return
-    joints = (head.pan.joint, head.tilt.joint)
+    joints = tuple(filter(None, (head.pan.joint, head.tilt.joint)))
     states = head.names.get("joint_states", f"{namespace}/joint_states")
     yield Requirement("head", "publisher", states, "sensor_msgs/msg/JointState", False, joints)
 

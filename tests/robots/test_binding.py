@@ -6,7 +6,8 @@ import pytest
 
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.graph.files import dump_graph, load_graph, parse_graph
-from socialbot.robots.profile import load_profile, robot_names
+from socialbot.robots.binding import with_robot
+from socialbot.robots.profile import load_profile, parse_profile, robot_names
 from socialbot.robots.requirements import requirements
 from socialbot.runtime.deployment import parse_deployment
 from tests.robots.test_profile import GOOD
@@ -75,6 +76,22 @@ def test_the_joint_states_of_a_head_may_have_another_name(tmp_path):
     path.write_text(GOOD.replace("  pan:", "  joint_states: /neck/joint_states\n  pan:", 1))
     assert topics_of(load_graph("waldo", robot=str(path)), "robot_head")["joint_states"] == "/neck/joint_states"
     assert "/neck/joint_states" in {each.name for each in requirements(load_profile(str(path)))}
+
+
+@pytest.mark.parametrize(("key", "agent"), [("pan", ("neck_pan", "no_tilt")), ("tilt", ("no_pan", "neck_tilt"))])
+def test_a_head_may_have_one_joint(key, agent):
+    lines = [
+        line for line in GOOD.splitlines(keepends=True) if line.split(":")[0].strip() not in {"pan", "tilt"} - {key}
+    ]
+    profile = parse_profile("".join(lines), "robby.yaml")
+    graph = with_robot(load_graph("waldo"), profile)
+    head, body = graph.node("head").parameters, graph.node("robot_head").parameters
+    assert (head["pan_joint"], head["tilt_joint"]) == agent
+    assert body[f"{key}_joint"] == f"neck_{key}"
+    assert [body["pan_joint"], body["tilt_joint"]].count("") == 1
+    assert head["tilt_limit_rad" if key == "pan" else "pan_limit_rad"] == 0.0
+    (states,) = [each for each in requirements(profile) if each.joints]
+    assert states.joints == (f"neck_{key}",)
 
 
 def test_the_speech_keeps_its_queue_and_its_engine(robby):

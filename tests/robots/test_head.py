@@ -54,6 +54,16 @@ def test_positions_are_clamped_and_motions_stretched_to_the_speeds():
     assert (second.positions, second.duration_s) == ((-1.0, 0.3), 5.0)
 
 
+@pytest.mark.parametrize(("only", "other", "at"), [("pan", "tilt", 0.5), ("tilt", "pan", 0.2)])
+def test_a_head_with_one_joint_gets_that_one_alone(only, other, at):
+    with GraphTester(TrajectoryHead, parameters={**LIMITS, f"{other}_joint": ""}) as graph:
+        target(graph, 0.5, 0.2, joint_names=tuple(f"no_{each}" if each == other else each for each in ("pan", "tilt")))
+        graph.run(0.1)
+        end(graph)
+        moved, *_ = graph.messages(SENT)
+    assert (moved.joint_names, moved.positions) == ((only,), (at,))
+
+
 def test_a_joint_that_is_positive_down_gets_the_other_sign():
     with GraphTester(TrajectoryHead, parameters={**LIMITS, "tilt_sign": -1}) as graph:
         target(graph, 0.0, 0.4)

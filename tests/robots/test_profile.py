@@ -71,6 +71,7 @@ def test_a_profile_holds_what_its_file_says():
         ("lower_rad: -1.0, ", "", 8, "'lower_rad' is missing", "a number from -6.3 to 6.3"),
         ("lower_rad: -1.0", "lower_rad: -57", 8, "'lower_rad' must be a number from -6.3 to 6.3", ""),
         ("joint: neck_tilt", "joint: neck_pan", 6, "pan and tilt are the same joint 'neck_pan'", "two joints"),
+        (GOOD[GOOD.index("  pan:") : GOOD.index("speech")], "", 6, "the head has no joint", "'pan', 'tilt' or both"),
         ("sign: -1", "sign: 0", 9, "'sign' must be one of -1, 1, got 0", ""),
         ("action: /tts_engine/tts, ", "", 10, "'action' is missing", "driver"),
         ("locale: en_GB", "langauge: en", 10, "unknown key 'langauge'", ""),
