@@ -27,6 +27,8 @@ from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 CENTRE = Pose(0.0, 0.0)
 _FACES_RAD, _COMES_MPS = 1.0, 0.3
+_CLOCKS_S, _LATE_S = 0.2, 3.0
+"""Largest lead of the stamp of a frame, and its largest age at its arrival, with one clock, s."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Head(Node):
 
     Pan is positive to the left and tilt positive up (REP-103). The node starts in tracking mode. It estimates the head
     pose by dead reckoning from the centre, with ``max_speed_rad_s`` on the slower joint. With ``camera_on_head`` a
-    bearing is relative to the head pose at the stamp of the frame.
+    bearing is relative to the head pose at the stamp of the frame; at its arrival, if the camera has another clock.
 
     The person who speaks has precedence, also for ``hold_s`` afterwards; a voice out of view is looked for where it is.
 
@@ -100,6 +102,8 @@ class Head(Node):
         self._last_seen = now
         self._watching = False
         self._speaker, self._spoke = "", now
+        self._other_clock = False
+        """Whether a frame had a stamp of another clock."""
 
     def deadline_s(self, port: Input[Any]) -> float:
         return port.deadline_s if self.engine else 0.0
@@ -165,7 +169,7 @@ class Head(Node):
         if unseen and self._tracking and self._led and voice.bearing_rad is not None:
             self._last_seen = self.clock.now()
             self._watch()
-            camera = self._pose_at(voice.stamp) if self.camera_on_head else CENTRE
+            camera = self._pose_at(self._time_of(voice.stamp)) if self.camera_on_head else CENTRE
             self._aim(Pose(camera.pan + voice.bearing_rad, self._wanted.tilt), slack=self.dead_band_rad)
 
     def on_parameter(self, name: str) -> None:
@@ -176,7 +180,7 @@ class Head(Node):
 
     def _seen(self, detections: PersonDetections) -> list[Seen]:
         """Persons with a known direction."""
-        camera = self._pose_at(detections.stamp) if self.camera_on_head else CENTRE
+        camera = self._pose_at(self._time_of(detections.stamp)) if self.camera_on_head else CENTRE
         if self.camera_on_head and detections.camera_yaw_rad is not None:
             # By transforms: elevations are above the horizon then, however the camera tilts.
             camera = Pose(detections.camera_yaw_rad, 0.0)
@@ -252,6 +256,19 @@ class Head(Node):
         self.trajectory.publish(
             JointTrajectory(stamp=now, joint_names=joints, positions=pose, velocities=still, duration_s=duration_s)
         )
+
+    def _time_of(self, stamp: int) -> int:
+        """Return the time of a frame by the clock of this node: ``stamp``, or now if it is of another clock."""
+        now = self.clock.now()
+        if -nanoseconds(_CLOCKS_S) <= now - stamp <= nanoseconds(_LATE_S):
+            return stamp
+        if not self._other_clock:
+            self._other_clock = True
+            self.log.warning(
+                "the clock of the camera is %.1f s %s: frames count as taken when they arrive; set both clocks by NTP",
+                abs(now - stamp) / SECOND, "behind" if now > stamp else "ahead",
+            )  # fmt: skip
+        return now
 
     def _pose_at(self, time: int) -> Pose:
         """The estimated head pose at ``time`` (ns)."""

@@ -374,3 +374,12 @@ def test_voice_does_not_move_a_head_that_looks_elsewhere():
     stage.order(1.0, "look", 0.3)
     stage.hear(2.0, bearing=-0.9)
     assert stage.positions == [(0.3, 0.0)]
+
+
+@pytest.mark.parametrize("ahead_s", [-100.0, 100.0])
+def test_the_head_stays_on_a_person_whose_camera_has_another_clock(ahead_s):
+    stage = Stage(camera_on_head=True)
+    stage.see(200.0 + ahead_s, person(0.5), arrives=200.0)
+    for step in range(1, 4):
+        stage.see(200.0 + step + ahead_s, person(0.0), arrives=200.0 + step)
+    assert stage.positions == [(0.5, 0.0)]
