@@ -9,10 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from socialbot.bags.codec import decode
+from socialbot.bags.typed import header_stamp
 from socialbot.bridge.discovery import publishers, readable, subscriptions
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import is_installed, message_class
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import SocialbotError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Transforms
@@ -25,6 +27,9 @@ DISCOVERY_S = 5.0
 """Time for the nodes of a robot to be discovered, and for a message."""
 
 POLL_S = 0.05
+
+CLOCKS_S = 2.0
+"""Age of an image at its arrival from which its stamp is of another clock."""
 
 _MOST_TRANSFORMS = 300
 """Messages of transforms that are kept for the pose of a camera."""
@@ -79,27 +84,41 @@ def check_topics(
 
     with spinning_node("robot_check") as ros:
         heard: dict[Requirement, list[Any]] = {}
+        ages_s: dict[Requirement, float] = {}
         for each in needed:
             if each.kind == "publisher":
-                _listen(ros, each, heard.setdefault(each, []))
+                _listen(ros, each, heard.setdefault(each, []), ages_s)
         end = time.monotonic() + timeout_s
         while time.monotonic() < end and not all(_is_there(ros, each, heard) for each in needed):
             time.sleep(POLL_S)
         start = f"start the drivers of the robot ({hint})" if hint else "start the drivers of the robot"
         for each in needed:
             finding = _finding(ros, each, heard, f"{start}; or correct the name in the {source}", source)
+            if finding.state == "ok" and abs(age_s := ages_s.get(each, 0.0)) > CLOCKS_S:
+                finding = _other_clock(finding, each, age_s)
             if finding.text.startswith(tuple(_WHAT.values())):
                 start = "as above"
             yield finding
 
 
-def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
+def _other_clock(finding: Finding, each: Requirement, age_s: float) -> Finding:
+    lag = f"{abs(age_s):.1f} s {'behind' if age_s > 0 else 'ahead of'} the clock of this computer"
+    remedy = (
+        "set the clocks of both computers by NTP; a simulated robot must take the time of day (use_sim_time: false)"
+    )
+    return Finding(finding.name, "warning", f"{each.name}: its stamps are {lag}", remedy)
+
+
+def _listen(ros: Any, each: Requirement, heard: list[Any], ages_s: dict[Requirement, float]) -> None:
     from rclpy.qos import qos_profile_sensor_data
 
     if not is_installed(each.type):
         return
 
     def keep(message: Any) -> None:
+        if each.message in _STREAMS:
+            age_s = (time.time_ns() - (header_stamp(message) or 0)) / SECOND
+            ages_s[each] = min(ages_s.get(each, age_s), age_s, key=abs)
         if len(heard) < (_MOST_TRANSFORMS if each.places else _expected(each)):
             heard.append(message)
 

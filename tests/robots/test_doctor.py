@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -316,8 +317,8 @@ class TestOverDds:
             return CompressedImage(header=Header(stamp=stamp), format="jpeg", data=jpeg)
 
         with spinning_node("driver") as ros:
-            names = ("/still", "/unset", "/stuck", "/well")
-            still, unset, stuck, well = (ros.create_publisher(CompressedImage, name, 5) for name in names)
+            names = ("/still", "/unset", "/stuck", "/well", "/past")
+            still, unset, stuck, well, past = (ros.create_publisher(CompressedImage, name, 5) for name in names)
 
             def show_once() -> None:
                 if still.get_subscription_count():
@@ -328,12 +329,17 @@ class TestOverDds:
             ros.create_timer(0.02, show_once)
             ros.create_timer(0.02, lambda: unset.publish(picture(Time())))
             ros.create_timer(0.02, lambda: stuck.publish(picture(Time(sec=7, nanosec=5))))
-            ros.create_timer(0.02, lambda: well.publish(picture(Time(sec=next(ticks)))))
+            ros.create_timer(0.02, lambda: well.publish(picture(ros.get_clock().now().to_msg())))
+            ros.create_timer(0.02, lambda: past.publish(picture(Time(sec=next(ticks)))))
             kind = "sensor_msgs/msg/CompressedImage"
             needed = [
                 Requirement("camera", "publisher", name, kind, message=messages.CompressedImage) for name in names
             ]
             found = self.findings(*needed, timeout_s=3.0)
+        *found, (past_state, past_text, past_remedy) = found
+        assert past_state == "warning"
+        assert re.fullmatch(r"/past: its stamps are \d+\.\d s behind the clock of this computer", past_text)
+        assert "NTP" in past_remedy
         assert [(state, text) for state, text, _ in found] == [
             ("error", "/still comes once only"),
             ("error", "/unset has no time: header.stamp is 0"),
