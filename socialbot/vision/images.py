@@ -25,7 +25,7 @@ _SIXTEEN_BITS = {re.sub("^8|8$", "16", name): name for name in _EIGHT_BITS}
 _SUBSAMPLED = {"yuv422": 2, "uyvy": 2, "yuv422_yuy2": 2, "yuyv": 2}
 _PLANAR = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}
 _BYTES = {**_EIGHT_BITS, **{name: 2 * _EIGHT_BITS[alike] for name, alike in _SIXTEEN_BITS.items()},
-          **_SUBSAMPLED, **dict.fromkeys(_PLANAR, 1)}  # fmt: skip
+          **_SUBSAMPLED, **dict.fromkeys(_PLANAR, 1), "nv24": 1}  # fmt: skip
 _CODES = {"rgb8": cv2.COLOR_RGB2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "8UC4": cv2.COLOR_BGRA2BGR,
           "rgba8": cv2.COLOR_RGBA2BGR, "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR,
           "yuv422": cv2.COLOR_YUV2BGR_UYVY, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
@@ -53,6 +53,8 @@ def bgr_from_image(image: Image) -> Pixels:
     rows, encoding = _rows(image), image.encoding
     if encoding in _PLANAR:
         return cv2.cvtColor(rows, _PLANAR[encoding])
+    if encoding == "nv24":
+        return _from_nv24(rows, image)
     if encoding in _SIXTEEN_BITS:
         encoding = _SIXTEEN_BITS[encoding]
         rows = np.ascontiguousarray(rows[:, 0::2] if image.is_bigendian else rows[:, 1::2])
@@ -63,8 +65,40 @@ def bgr_from_image(image: Image) -> Pixels:
     return cv2.cvtColor(rows.reshape(shape), _CODES[encoding])
 
 
+def _from_nv24(luma: Pixels, image: Image) -> Pixels:
+    """Convert a plane of brightness with a plane of colours of full size behind it."""
+    step, used = _step(image), 2 * image.width
+    stride = step if step >= used else 2 * step
+    flat = np.asarray(image.data).reshape(-1)[image.height * step :]
+    needed = (image.height - 1) * stride + used
+    if flat.size < needed:
+        raise ImageError(
+            f"{image.data.size} bytes where {image.height * step + needed} bytes are needed",
+            where=f"nv24 image of {image.width}x{image.height}",
+            remedy="check the driver's encoding, width, height and step",
+        )
+    colours = np.lib.stride_tricks.as_strided(flat, (image.height, used), (stride * flat.strides[0], flat.strides[0]))
+    u, v = (cv2.LUT(np.ascontiguousarray(colours[:, first::2]), _FULL_COLOUR) for first in (0, 1))
+    return cv2.cvtColor(cv2.merge([cv2.LUT(luma, _FULL_BRIGHTNESS), v, u]), cv2.COLOR_YCrCb2BGR)
+
+
+_VALUES = np.arange(256)
+_FULL_BRIGHTNESS = np.clip(np.rint((_VALUES - 16) * 255 / 219), 0, 255).astype(np.uint8)
+_FULL_COLOUR = np.clip(np.rint((_VALUES - 128) * 255 / 224 + 128), 0, 255).astype(np.uint8)
+"""Values of the whole range by those of video (BT.601), 16 to 235 and 16 to 240."""
+
+
+def _step(image: Image) -> int:
+    """Bytes of a row of ``image``. Some drivers give another step for planes that lie close together."""
+    size = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}.get(image.encoding, 0.0) * image.width * image.height
+    return image.width if size and image.data.size == size else image.step
+
+
 def _rows(image: Image) -> Pixels:
-    """The bytes of ``image`` without padding: (height, width * bytes per pixel), and half as many planar rows again."""
+    """The bytes of ``image`` without padding: (height, width * bytes per pixel), and half as many planar rows again.
+
+    Of nv24 only the plane of brightness.
+    """
 
     def refused(what: str, remedy: str) -> ImageError:
         return ImageError(what, where=f"{image.encoding} image of {image.width}x{image.height}", remedy=remedy)
@@ -81,17 +115,18 @@ def _rows(image: Image) -> Pixels:
     if image.encoding.startswith("bayer") and min(image.width, image.height) < 3:
         raise refused("too small to interpolate colours", "use 3x3 pixels or more")
     used = image.width * _BYTES[image.encoding]
-    if image.step < used:
+    step = _step(image)
+    if step < used:
         raise refused(f"a row has {image.step} bytes (step) but needs {used}", "check the driver's encoding")
     # Some drivers leave out the padding of the last row.
     height = image.height * 3 // 2 if image.encoding in _PLANAR else image.height
-    needed = (height - 1) * image.step + used
+    needed = (height - 1) * step + used
     flat = np.asarray(image.data).reshape(-1)
     if flat.dtype != np.uint8 or flat.size < needed:
         what = f"{flat.size} values of type {flat.dtype} where {needed} bytes are needed"
         raise refused(what, "check the driver's encoding, width, height and step")
     return np.lib.stride_tricks.as_strided(
-        flat, (height, used), (image.step * flat.strides[0], flat.strides[0]), writeable=flat.flags.writeable
+        flat, (height, used), (step * flat.strides[0], flat.strides[0]), writeable=flat.flags.writeable
     )
 
 

@@ -113,6 +113,33 @@ def test_colours_in_a_plane_of_their_own_are_those_of_interleaved_ones(encoding,
     np.testing.assert_allclose(bgr_from_image(image), bgr_from_image(message(interleaved, "uyvy", 12)), atol=2)
 
 
+@pytest.mark.parametrize("step", [12, 18, 24, 30])
+def test_colours_in_a_plane_of_full_size_are_those_of_interleaved_ones(step):
+    rng = np.random.default_rng(3)
+    y = rng.integers(16, 236, (8, 12)).astype(np.uint8)
+    u, v = (np.repeat(rng.integers(16, 241, (8, 6)).astype(np.uint8), 2, axis=1) for _ in range(2))
+    brightness, colours = (
+        np.full((8, step), 0xA5, np.uint8),
+        np.full((8, step if step >= 24 else 2 * step), 0xA5, np.uint8),
+    )
+    brightness[:, :12], colours[:, :24] = y, np.stack([u, v], axis=2).reshape(8, 24)
+    data = np.concatenate([brightness.reshape(-1), colours.reshape(-1)])
+    image = Image(stamp=1, frame_id="c", height=8, width=12, encoding="nv24", step=step, data=data)
+    interleaved = np.stack([u[:, 0::2], y[:, 0::2], v[:, 0::2], y[:, 1::2]], axis=2).reshape(8, -1)
+    np.testing.assert_allclose(bgr_from_image(image), bgr_from_image(message(interleaved, "uyvy", 12)), atol=3)
+
+
+@pytest.mark.parametrize(("encoding", "rows"), [("nv12", 12), ("nv21", 12), ("nv24", 24)])
+def test_planes_without_padding_may_have_any_step(encoding, rows):
+    data = noise(rows * 12)
+    first, *others = (
+        bgr_from_image(Image(stamp=1, frame_id="c", height=8, width=12, encoding=encoding, step=step, data=data))
+        for step in (12, 0, 18, 24, 36)
+    )
+    for other in others:
+        np.testing.assert_array_equal(first, other)
+
+
 @pytest.mark.parametrize(
     ("encoding", "order"), [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")]
 )
@@ -164,8 +191,8 @@ def test_last_row_may_lack_its_padding():
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_every_encoding_is_converted_and_refuses_too_little_data(encoding):
-    # 8 bytes a pixel, and half as many rows again for planes of colours, are enough for any.
-    image = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(9 * 64))
+    # 8 bytes a pixel, and as many rows again for planes of colours, are enough for any.
+    image = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(12 * 64))
     assert bgr_from_image(image).shape == (6, 8, 3)
     cut = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(5 * 64 + 7))
     with pytest.raises(ImageError, match=f"{encoding} image of 8x6.*bytes are needed"):
