@@ -6,11 +6,12 @@ import contextlib
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
 from typing import Any, NamedTuple, Protocol
 
 from socialbot.bags.codec import decode
 from socialbot.bags.typed import header_stamp
-from socialbot.bridge.discovery import publishers, readable, subscriptions
+from socialbot.bridge.discovery import publishers, readable, subscriptions, topics
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import is_installed, message_class
@@ -181,6 +182,25 @@ def _wrong_type(ros: Any, each: Requirement) -> str:
     return "" if each.type in kinds or not kinds else ", ".join(sorted(kinds))
 
 
+def _others(ros: Any, each: Requirement) -> str:
+    """Tell the names of what is missing that are there, those most alike first."""
+    if each.kind == "service":
+        found = [name for name, kinds in readable(ros.get_service_names_and_types) or () if each.type in kinds]
+    else:
+        end, kind = ("/_action/feedback", f"{each.type}_FeedbackMessage") if each.kind == "action" else ("", each.type)
+        look_up = subscriptions if each.kind == "subscriber" else publishers
+        found = [
+            name.removesuffix(end)
+            for name, kinds in topics(ros)
+            if name.endswith(end) and kind in kinds and any(kind == each.topic_type for each in look_up(ros, name))
+        ]
+    alike = sorted(found, key=lambda name: (-SequenceMatcher(None, name, each.name).ratio(), name))[:_MOST_OTHERS]
+    return f"; of this type there is {', '.join(alike)}" if alike else ""
+
+
+_MOST_OTHERS = 3
+"""Names of a type that a remedy tells."""
+
 _WHAT = {
     "publisher": "nobody publishes",
     "subscriber": "nobody subscribes to",
@@ -200,11 +220,10 @@ def _finding(
         return Finding(each.part, state, f"{each.name}: the package {package} is not installed", own)
     endpoints = _endpoints(ros, each)
     if not endpoints:
-        return Finding(each.part, bad, f"{_WHAT[each.kind]} {each.name}", remedy)
+        return Finding(each.part, bad, f"{_WHAT[each.kind]} {each.name}", remedy + _others(ros, each))
     if other := _wrong_type(ros, each):
-        return Finding(
-            each.part, "error", f"{each.name} is {other}, not {each.type}", f"name the right one in the {source}"
-        )
+        right = f"name the right one in the {source}"
+        return Finding(each.part, "error", f"{each.name} is {other}, not {each.type}", right + _others(ros, each))
     node = f"{endpoints[0].node_namespace.rstrip('/')}/{endpoints[0].node_name}"
     if each.kind != "publisher":
         return Finding(each.part, "ok", f"{each.name}, by {node}")

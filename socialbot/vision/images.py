@@ -153,7 +153,8 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     file = data.tobytes()
     # Some drivers leave the format empty, or give only the encoding.
     if not any(kind in words for kind in ("jpeg", "jpg", "png")) and not file.startswith((_PNG, _JPEG)):
-        raise refused("unknown format", "have the camera publish jpeg or png")
+        remedy = "connect the topic of its raw images, or have the camera publish jpeg or png"
+        raise refused("unknown format", f"{remedy}; for others and for video: ros2 run image_transport republish")
     width, height = _size(file)
     if width * height > IMAGE_PIXELS:
         remedy = f"send images of {IMAGE_PIXELS / 1e6:.0f} million pixels at most"

@@ -220,6 +220,32 @@ class TestOverDds:
             ("porter", "error", "nobody offers /door"),
         ]
 
+    def test_what_is_there_under_other_names_is_told(self):
+        from sensor_msgs.msg import CompressedImage, Image
+        from std_srvs.srv import SetBool
+        from trajectory_msgs.msg import JointTrajectory
+
+        from socialbot.bridge.environment import spinning_node
+
+        with spinning_node("driver") as ros:
+            ros.create_publisher(Image, "/robot1/camera/color/image_raw", 5)
+            ros.create_publisher(Image, "/robot1/camera/depth/image_raw", 5)
+            ros.create_publisher(CompressedImage, "/robot1/camera/color/image_raw/compressed", 5)
+            ros.create_subscription(JointTrajectory, "/robot1/neck", print, 5)
+            ros.create_service(SetBool, "/robot1/lamp", lambda _, response: response)
+            color, packed = "/camera/color/image_raw", "/robot1/camera/color/image_raw/compressed"
+            found = self.findings(
+                Requirement("camera", "publisher", color, "sensor_msgs/msg/Image"),
+                Requirement("camera", "publisher", packed, "sensor_msgs/msg/Image"),
+                Requirement("head", "subscriber", "/neck", "trajectory_msgs/msg/JointTrajectory"),
+                Requirement("lamp", "service", "/lamp", "std_srvs/srv/SetBool"),
+                Requirement("cloud", "publisher", "/points", "sensor_msgs/msg/PointCloud2"),
+            )
+        there = "; of this type there is"
+        image = f"{there} /robot1/camera/color/image_raw, /robot1/camera/depth/image_raw"
+        ends = [remedy.partition("profile")[2] for *_, remedy in found]
+        assert ends == [image, image, f"{there} /robot1/neck", f"{there} /robot1/lamp", ""]
+
     def test_a_type_that_is_not_installed_is_named(self):
         (found,) = self.findings(Requirement("x", "action", "/x", "absent_msgs/action/X"), timeout_s=0.1)
         assert found == (
