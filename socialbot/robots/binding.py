@@ -134,6 +134,10 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
 _UNKNOWN_PITCH_RAD = 2.0
 
 
+FRAME_PREFIXES: Mapping[str, str] = {"bodies": "body_", "faces": "face_", "persons": "person_"}
+"""Beginning of the names of frames by kind of people (REP-155)."""
+
+
 def _with_people(graph: Graph, people: Part, profile: RobotProfile) -> Graph:
     if people.type == "detector":
         return graph
@@ -146,7 +150,11 @@ def _with_people(graph: Graph, people: Part, profile: RobotProfile) -> Graph:
         if issubclass(config.type, PersonDetector):
             topic = config.topic(config.type.detections)
             remap = {**people.names, detections.name: topic}
-            config = NodeConfig(config.name, kind, {**people.settings, **people.parameters}, remap, config.where)
+            values = {**people.settings, **people.parameters}
+            if people.type == "ros4hri":  # REP-155
+                kinds = [name for name in FRAME_PREFIXES if f"/{name}/" in people.names["bodies"]]
+                values = {"frame_prefix": FRAME_PREFIXES[kinds[0] if kinds else "bodies"], **values}
+            config = NodeConfig(config.name, kind, values, remap, config.where)
         elif issubclass(config.type, Head):
             config = _changed(config, {"camera_on_head": False})  # people are in the frame of the base
         nodes.append(config)

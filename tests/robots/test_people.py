@@ -11,7 +11,10 @@ import pytest
 from socialbot.core import limits
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, Transform, Transforms, ros_message
+from socialbot.graph.files import load_graph
+from socialbot.robots.binding import with_robot
 from socialbot.robots.people import HEIGHT, WIDTH, RobotPeople
+from socialbot.robots.profile import parse_profile
 from socialbot.robots.speech import RobotEars
 from socialbot.testing import GraphTester
 
@@ -96,6 +99,43 @@ def test_a_body_without_a_frame_or_with_an_old_one_has_no_place():
         graph.run(2.0)
         assert look(graph, "a")[0].distance_m is None
         assert look(graph) == ()
+
+
+def lack(graph: GraphTester) -> str:
+    """What the node lacks, after people without a place for a while."""
+    for _ in range(40):
+        look(graph, "a")
+        graph.run(0.1)
+    return graph.node().context.health_monitor.health().reason
+
+
+def test_why_nobody_has_a_place_is_told():
+    with GraphTester(RobotPeople) as graph:
+        look(graph, "a")
+        assert not graph.node().context.health_monitor.health().reason  # the frame may come later
+        assert lack(graph) == "people have no place: /tf has no frame body_a"
+        body(graph, "a", 2.0, 0.0, 0.0)
+        look(graph, "a")
+        assert not graph.node().context.health_monitor.health().reason
+        assert "s older than the list of people" in lack(graph)
+
+
+def test_people_whose_frames_are_not_connected_with_the_robot_are_told():
+    with GraphTester(RobotPeople, parameters={"oldest_s": 60.0}) as graph:
+        body(graph, "a", 2.0, 0.0, 0.0, parent="robot1/base_link")
+        assert "no transform connects body_a with base_link, set robot_frame" in lack(graph)
+
+
+@pytest.mark.parametrize(("kind", "frame"), [("bodies", "body_"), ("faces", "face_"), ("persons", "person_")])
+def test_lists_of_faces_and_persons_have_frames_of_their_own(kind, frame):
+    text = f"name: seer\npeople: {{type: ros4hri, bodies: /robot/humans/{kind}/tracked}}\n"
+    profile = parse_profile(text, "seer.yaml")
+    assert with_robot(load_graph("waldo"), profile).node("person_detector").parameters["frame_prefix"] == frame
+    with GraphTester(RobotPeople, parameters={"frame_prefix": frame}) as graph:
+        turn = (0.0, 0.0, 0.0, 1.0)
+        place = Transform(stamp=0, parent="base_link", child=f"{frame}a", translation=(2.0, 0.0, 1.5), rotation=turn)
+        graph.send("/tf", Transforms(stamp=0, transforms=(place,)))
+        assert look(graph, "a")[0].distance_m == pytest.approx(2.0)
 
 
 def speech(final: str, incremental: str = "", confidence: float = 0.9, language: str = "en-GB") -> Any:
