@@ -35,7 +35,7 @@ from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.references import load_reference, look_in
 from socialbot.core.yaml import YamlSection, read_page
-from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
+from socialbot.graph.node import Graph, Node, NodeConfig, WireForm, check_topic
 from socialbot.graph.wizard import WizardEntry, read_wizard, wizard_page
 
 MESSAGE_FORMS: Mapping[str, tuple[WireForm, bool]] = {
@@ -96,6 +96,9 @@ def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None =
     """
     root = read_page(text, where=where)
     page = root.read(_Page)
+    for key in ("inputs", "services"):
+        for place, topic in enumerate(root.page.get(key, ())):
+            check_topic(topic, root.line(key, place))
     graph = Graph(
         name=page.name,
         nodes=(*_configs(root, "nodes", page.nodes), *_watches(root, page.needs)),

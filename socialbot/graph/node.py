@@ -319,7 +319,7 @@ def check_parameters(node_type: type[Node], given: Mapping[str, object], *, wher
 def check_topic(topic: str, where: str) -> None:
     """Check the full name of a topic, service or action. Raises GraphError."""
     if not TOPIC_NAME.fullmatch(topic):
-        remedy = "use names of letters, digits and _, at most 228 characters in all"
+        remedy = "begin with /, and use names of letters, digits and _, at most 228 characters in all"
         raise GraphError(f"no valid topic: {topic!r}", where=where, remedy=remedy)
 
 
@@ -503,7 +503,7 @@ class Graph:
                         f"nobody publishes {topic}",
                         where=f"{config.place(self.name)}.{port.name}",
                         remedy=f"list it under 'inputs' if a node outside the graph publishes it; "
-                        f"{suggestion(topic, published)}",
+                        f"{suggestion(topic, sources)}",
                     )
         if self.paced_by and self.paced_by not in published:
             raise GraphError(
