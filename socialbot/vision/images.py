@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from socialbot.bags.image_files import has_too_many_scans, is_complete_png
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.health import SILENT_S
-from socialbot.graph.node import Node
+from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output
 
 Pixels = np.ndarray
@@ -222,10 +223,41 @@ def encode_jpeg(pixels: Pixels, quality: int) -> np.ndarray:
     return data.reshape(-1)
 
 
+_STILL_S, _PLAIN_S = 10.0, 3.0
+"""Time of equal images, and of images of one colour, that is reported."""
+_PLAIN_LEVELS = 16  # difference of the values in an image of one colour, with the noise of a covered camera
+_SAMPLED = 8  # of so many rows and columns, one is compared
+
+
+class _ImageWatch:
+    """Tells images that show nothing: always the same one, as of a frozen camera, or one colour."""
+
+    def __init__(self) -> None:
+        self._last: Pixels | None = None
+        self._changed_at = self._seen_at = 0
+
+    def problem(self, pixels: Pixels, now: int) -> str:
+        """Return what is wrong with the images until ``now`` (ns); empty if nothing is."""
+        sample = pixels[::_SAMPLED, ::_SAMPLED]
+        if self._last is None or not np.array_equal(sample, self._last):
+            self._changed_at = now
+        self._last = sample.copy()
+        low, high = sample.min(axis=(0, 1)), sample.max(axis=(0, 1))
+        if self._seen_at == 0 or (high - low).max() > _PLAIN_LEVELS:
+            self._seen_at = now
+        if now - self._seen_at >= _PLAIN_S * SECOND:
+            kind = "black" if high.max() <= 2 * _PLAIN_LEVELS else "of one colour"
+            return f"the images are {kind}: check the cover, exposure and light of the camera"
+        if now - self._changed_at >= _STILL_S * SECOND:
+            return "the images do not change at all: a camera shows at least noise, so its driver may be frozen"
+        return ""
+
+
 class ImageConverter(Node):
     """Publishes each raw or compressed image as bgr8, with the same stamp and frame.
 
-    An image that cannot be converted raises ImageError and is skipped.
+    An image that cannot be converted raises ImageError and is skipped. The health of the node tells images that are
+    all the same, black, or of one colour.
     """
 
     image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST, deadline_s=SILENT_S)
@@ -238,9 +270,15 @@ class ImageConverter(Node):
     def external_files(cls, parameters: Mapping[str, object]) -> Sequence[Path]:
         return ()
 
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._watch = _ImageWatch()
+        self._problem = ""
+
     @image_raw
     def on_image(self, image: Image) -> None:
         pixels = bgr_from_image(image)
+        self._look(pixels)
         if image.encoding == "bgr8" and pixels.base is not None and image.data.size == pixels.size:
             self.image_color.publish(image)  # nothing to convert: the same message, without a copy
         else:
@@ -248,7 +286,15 @@ class ImageConverter(Node):
 
     @image_compressed
     def on_compressed(self, image: CompressedImage) -> None:
-        self._publish(bgr_from_compressed(image), image)
+        pixels = bgr_from_compressed(image)
+        self._look(pixels)
+        self._publish(pixels, image)
+
+    def _look(self, pixels: Pixels) -> None:
+        problem = self._watch.problem(pixels, self.clock.now())
+        if problem != self._problem:
+            self._problem = problem
+            self.report_health("ok", problem)
 
     def _publish(self, pixels: np.ndarray, source: Image | CompressedImage) -> None:
         self.image_color.publish(Image.from_bgr(pixels, stamp=source.stamp, frame_id=source.frame_id))

@@ -4,10 +4,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from socialbot.testing import GraphTester
 from socialbot.vision.images import ImageConverter
 
 RAW, COMPRESSED, COLOR = "/camera/image_raw", "/camera/image_raw/compressed", "/camera/image_color"
@@ -62,3 +64,35 @@ def test_bad_image_is_counted_and_skipped():
     assert (faults.failures, faults.calls) == (1, 2)
     assert faults.first.startswith("ImageError: ")
     assert "weird" in faults.first
+
+
+def noisy(seed: int, mean: float) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(mean, 2.0, (48, 64, 3))
+    return np.clip(noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("look", "told"),
+    [
+        (lambda tenth: noisy(0, 128.0) + np.uint8(60) * (np.arange(64) > 30)[None, :, None], "do not change at all"),
+        (lambda tenth: noisy(tenth, 4.0), "are black"),
+        (lambda tenth: noisy(tenth, 200.0), "are of one colour"),
+    ],
+)
+def test_images_that_show_nothing_are_told_until_they_show_something(look, told):
+    scene = np.random.default_rng(1).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    with GraphTester(ImageConverter) as graph:
+
+        def reasons(images) -> list[str]:
+            said = []
+            for pixels in images:
+                graph.send(RAW, Image.from_bgr(pixels.astype(np.uint8), stamp=graph.clock.now(), frame_id="eye"))
+                graph.run(0.1)
+                said.append(graph.node().context.health_monitor.health())
+            assert {each.state for each in said} == {"ok"}
+            return [each.reason for each in said]
+
+        bad = reasons(look(tenth) for tenth in range(120))
+        assert not any(bad[:25])
+        assert told in bad[-1]
+        assert reasons([scene])[-1] == ""
