@@ -24,6 +24,8 @@ NO_PAN, NO_TILT = "no_pan", "no_tilt"
 
 _LONGEST_S = 60.0  # longest motion that a target may ask for
 _FRESH_S = 0.5  # older joint states do not count
+_STUCK_S = 3.0  # a head away from its target that has not moved for this long does not follow
+_STUCK_RAD, _MOVED_RAD = 0.1, 0.02  # least distance from the target, and least way of a head that moves
 _LEAST_SHARE = 0.01  # least share of the full speed that moves a joint of NAOqi
 
 ANGLES = "naoqi_bridge_msgs/msg/JointAnglesWithSpeed"
@@ -39,6 +41,8 @@ class RobotHead(Node):
 
     The present pose comes from the robot's joint states; without them, from the motions that were sent. The first
     motion from an unknown pose is as slow as the longest way, and cannot be stopped before its end.
+
+    The node is degraded while the joint states show a head that does not follow.
     """
 
     target = Input(JointTrajectory, TARGET)
@@ -82,6 +86,10 @@ class RobotHead(Node):
         self._earliest = self.clock.now()
         self._timer: Timer | None = None
         self._stopped = False
+        self._reference: dict[str, float] = {}
+        """Pose from which a movement is measured."""
+        self._followed_at = self._earliest
+        self._is_stuck = False
 
     def send(self, positions: Mapping[str, float], duration_s: float) -> None:
         """Send checked ``positions`` (rad, in the direction of each joint) to the robot; subclasses do."""
@@ -111,6 +119,32 @@ class RobotHead(Node):
             if joint in self._limits and math.isfinite(position):
                 self._states[joint] = float(position)
                 self._states_at = self.clock.now()
+        self._check_following()
+
+    def _check_following(self) -> None:
+        """Report a head that does not move although it is away from its target."""
+        now, target = self.clock.now(), self._motion.target if self._motion is not None else {}
+        away = {
+            joint: position
+            for joint, position in target.items()
+            if abs(self._states.get(joint, position) - position) > _STUCK_RAD
+        }
+        moved = any(
+            abs(state - self._reference.get(joint, math.inf)) > _MOVED_RAD for joint, state in self._states.items()
+        )
+        if moved or not away:
+            self._reference, self._followed_at = dict(self._states), now
+            if self._is_stuck:
+                self._is_stuck = False
+                self.report_health("ok")
+        elif not self._is_stuck and now - self._followed_at >= nanoseconds(_STUCK_S):
+            self._is_stuck = True
+            joint, position = next(iter(away.items()))
+            self.report_health(
+                "degraded",
+                f"the head does not follow: {joint} stays at {self._states[joint]:.2f} rad, not {position:.2f}; "
+                "is its controller active, and are the motors on?",
+            )
 
     @target
     def on_target(self, target: JointTrajectory) -> None:
@@ -222,7 +256,8 @@ class TrajectoryActionHead(RobotHead):
         if number != self._number:
             return  # a newer target has replaced the goal
         if result.ok:
-            self.report_health("ok")
+            if not self._is_stuck:  # some controllers succeed although the motors are off
+                self.report_health("ok")
         elif result.outcome != "cancelled":
             text = getattr(result.message, "error_string", "") or result.reason
             self.report_health("degraded", f"the head did not move: {text}")

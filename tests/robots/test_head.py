@@ -64,6 +64,25 @@ def test_a_head_with_one_joint_gets_that_one_alone(only, other, at):
     assert (moved.joint_names, moved.positions) == ((only,), (at,))
 
 
+def test_a_head_that_does_not_follow_is_told_until_it_moves():
+    def reason(seconds: float, pan) -> str:
+        for tenth in range(round(10 * seconds)):
+            graph.send("/joint_states", joint_states(graph, pan(tenth / 10), 0.0))
+            graph.run(0.1)
+        return graph.node().context.health_monitor.health().reason
+
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        assert reason(5.0, lambda _: 0.0) == ""  # nothing asked
+        target(graph, 0.8, 0.0)
+        assert reason(2.0, lambda _: 0.0) == ""
+        assert reason(2.0, lambda _: 0.0).startswith(
+            "the head does not follow: pan stays at 0.00 rad, not 0.80; is its"
+        )
+        assert reason(0.5, lambda time: 0.1 * time) == ""
+        assert reason(20.0, lambda time: 0.05 + 0.037 * time) == ""  # slow, but it comes
+        assert reason(10.0, lambda _: 0.75) == ""  # near enough
+
+
 def test_a_joint_that_is_positive_down_gets_the_other_sign():
     with GraphTester(TrajectoryHead, parameters={**LIMITS, "tilt_sign": -1}) as graph:
         target(graph, 0.0, 0.4)
