@@ -27,6 +27,7 @@ from socialbot.core.messages import (
     CompressedImage,
     DepthImage,
     DepthInfo,
+    HeardSpeech,
     Image,
     JointTrajectory,
     Message,
@@ -212,6 +213,9 @@ def _decode_json(message_type: type[Structured], ros_message: Any, stamp: int) -
     if message_type in (Utterance, Structured) and not text.lstrip().startswith("{"):
         _expect_at_most(limits.SENTENCE_CHARACTERS, len(text), "characters of a sentence")
         return Utterance(stamp=stamp, id=f"text-{stamp}", text=text)
+    if message_type is HeardSpeech and not text.lstrip().startswith("{"):  # of a recogniser that knows only the text
+        _expect_at_most(limits.SENTENCE_CHARACTERS, len(text), "characters of a sentence")
+        return HeardSpeech(stamp=stamp, start=stamp, text=text.strip())
     wanted = "a schema of socialbot" if message_type is Structured else str(message_type.__struct_config__.tag)
     try:
         message = _json_decoder(message_type).decode(text)

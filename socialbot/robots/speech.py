@@ -136,7 +136,7 @@ class RobotEars(Node):
     """Publishes each sentence that a robot's own speech recognition understood (hri_msgs/msg/LiveSpeech)."""
 
     speech = Input("hri_msgs/msg/LiveSpeech", "/humans/voices/anonymous_speaker/speech")
-    heard = Output(HeardSpeech, "/speech/heard")
+    heard = Output(HeardSpeech, "/humans/voices/speech")
 
     voice = Parameter("anonymous_speaker", "id of the voice")
     least_confidence = Parameter(0.0, "lowest confidence of a sentence", minimum=0.0, maximum=1.0)

@@ -243,6 +243,12 @@ def test_plain_text_is_an_utterance(text: str) -> None:
     assert codec.decode(Structured, string(text), stamp=5) == Utterance(stamp=5, id="text-5", text=text)
 
 
+@pytest.mark.parametrize("text", ["hello", "  good morning\n"])
+def test_plain_text_where_speech_is_expected_was_heard(text: str) -> None:
+    heard = HeardSpeech(stamp=5, start=5, text=text.strip())
+    assert codec.decode(HeardSpeech, string(text), stamp=5) == heard
+
+
 UTTERANCE = {"schema": "socialbot/Utterance/1", "stamp": 1, "id": "u", "text": "hello"}
 
 

@@ -147,14 +147,20 @@ def test_a_sentence_is_published_with_its_begin_and_language():
         for second, said in enumerate((speech("", "hello"), speech("", "hello there"), speech(" Hello there. "))):
             stamp = (second + 1) * SECOND
             graph.send("/humans/voices/anonymous_speaker/speech", SPEECH(stamp=stamp, ros=said))
-        (heard,) = graph.messages("/speech/heard")
+        (heard,) = graph.messages("/humans/voices/speech")
     assert (heard.text, heard.language, heard.confidence) == ("Hello there.", "en", 0.9)
     assert (heard.start, heard.stamp, heard.voice) == (SECOND, 3 * SECOND, "anonymous_speaker")
+
+
+def test_an_agent_that_listens_hears_what_the_robot_recognised():
+    graph = load_graph("reception")
+    topic = RobotEars.outputs()["heard"].topic
+    assert topic in {topic for config in graph.nodes for topic, _ in config.subscriptions}
 
 
 def test_sentences_of_low_confidence_are_ignored():
     with GraphTester(RobotEars, parameters={"least_confidence": 0.5}) as graph:
         for said in (speech("a", confidence=0.4), speech("b", confidence=math.nan), speech("c", confidence=7.0)):
             graph.send("/humans/voices/anonymous_speaker/speech", SPEECH(stamp=SECOND, ros=said))
-        (heard,) = graph.messages("/speech/heard")
+        (heard,) = graph.messages("/humans/voices/speech")
     assert (heard.text, heard.confidence) == ("c", 1.0)
