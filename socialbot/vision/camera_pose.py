@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -356,6 +356,20 @@ def base_frames(transforms: TransformTree) -> list[str]:
     return [name for base in _BASES for name in names if name.rpartition("/")[2] == base]
 
 
+def camera_placements(
+    transforms: TransformTree, frame_id: str, stamp: int
+) -> Iterator[tuple[str, float, float, float]]:
+    """Yield each base that is connected to a camera, and the height (m), pitch and roll (rad) of the camera there."""
+    for base in base_frames(transforms):
+        matrix = transforms.lookup(base, frame_id, stamp)
+        if matrix is None or frame_id.lstrip("/") == base:
+            continue
+        if matrix[2, 2] > _UPRIGHT and not OPTICAL.search(frame_id):
+            matrix = matrix @ AXES.T  # Some drivers name the body frame of a camera as that of its images.
+        pitch = math.asin(float(np.clip(-matrix[2, 2], -1, 1)))
+        yield base, float(matrix[2, 3]), pitch, math.atan2(-matrix[2, 0], -matrix[2, 1])
+
+
 def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -> CameraPose | None:
     """Pose of the camera ``frame_id`` above the floor at about ``stamp`` (ns), from the transform to a robot base.
 
@@ -364,15 +378,7 @@ def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -
     Returns:
         The pose; None if no base is connected to the camera, or the transform puts it below the floor.
     """
-    for base in base_frames(transforms):
-        matrix = transforms.lookup(base, frame_id, stamp)
-        if matrix is None or frame_id.lstrip("/") == base:
-            continue
-        if matrix[2, 2] > _UPRIGHT and not OPTICAL.search(frame_id):
-            matrix = matrix @ AXES.T  # Some drivers name the body frame of a camera as that of its images.
-        pitch = math.asin(float(np.clip(-matrix[2, 2], -1, 1)))
-        roll = math.atan2(-matrix[2, 0], -matrix[2, 1])
-        height = float(matrix[2, 3])
+    for base, height, pitch, roll in camera_placements(transforms, frame_id, stamp):
         if not (HEIGHTS_M[0] <= height <= HEIGHTS_M[1] and abs(roll) < math.pi / 2 and pitch <= PITCHES_RAD[1]):
             continue
         exact = base.endswith(_BASES[0])

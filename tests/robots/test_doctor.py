@@ -397,3 +397,24 @@ def test_a_camera_is_placed_by_transforms(frame, said):
     images = [] if frame is None else [encode(Image.from_bgr(pixels, stamp=1, frame_id=frame), types)]
     placed = camera_placement("/cam", images, transforms)
     assert (str(placed) if isinstance(placed, CameraPose) else placed[0]) == said
+
+
+@pytest.mark.parametrize(
+    ("turn", "height", "said"),
+    [
+        ((0.0, 0.70710678, 0.0, 0.70710678), 1.2, "1.20 m above base_link, pitch 0°, roll 90°"),
+        ((0.5, 0.5, 0.5, 0.5), 1.2, "1.20 m above base_link, pitch 0°, roll -?180°"),
+        ((-0.5, 0.5, -0.5, 0.5), -0.4, "-0.40 m above base_link, pitch 0°, roll 0°"),
+    ],
+)
+def test_a_camera_that_is_not_upright_above_the_floor_is_told(turn, height, said):
+    from socialbot.bridge.robot_checks import camera_placement
+
+    types = RosbagsTypes()
+    eye = Transform(stamp=1, parent="base_link", child="eye_optical", translation=(0.0, 0.0, height), rotation=turn)
+    pixels = np.zeros((1, 1, 3), np.uint8)
+    image = encode(Image.from_bgr(pixels, stamp=1, frame_id="eye_optical"), types)
+    placed = camera_placement("/cam", [image], [encode(Transforms(stamp=0, transforms=(eye,)), types)])
+    assert isinstance(placed, tuple)
+    assert re.search(said, placed[0])
+    assert "upright" in placed[1]
