@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._annotations import Annotations
@@ -50,6 +50,9 @@ STEPS, STEPS_WITH_TIMERS = range(64), range(8)
 In a society the turn ends after a step if another agent has work to do.
 """
 
+_NO_SENSORS: Mapping[str, str] = {}
+"""Errors of sensors by their names, of agents whose sensors work."""
+
 
 class entered(Reactor):  # noqa: N801 - written like a belief
     """Event ``+entered(Stage)`` at the begin of a stage."""
@@ -71,9 +74,9 @@ class Interpreter:
     """
 
     __slots__ = (
-        "_parts", "action", "begun", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
-        "messaging", "now", "others", "peers", "pool", "random", "reading", "ready", "relations", "signalled", "stage",
-        "timers", "trace", "triggers",
+        "_parts", "action", "begun", "beliefs", "broken_sensors", "cause", "engine", "events", "heap", "inbox",
+        "intentions", "library", "messaging", "now", "others", "peers", "pool", "random", "reading", "ready",
+        "relations", "signalled", "stage", "timers", "trace", "triggers",
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
@@ -96,6 +99,7 @@ class Interpreter:
         self.action = ""
         self.begun: Body = None
         self.signalled = False
+        self.broken_sensors: Mapping[str, str] = _NO_SENSORS
         self.pool: Pool | None = None
         self.random: Random | None = None
         waits = self.intentions.waits

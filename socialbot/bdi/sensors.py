@@ -19,6 +19,10 @@ Sensed = Belief | Event | Iterable[Belief | Event] | None
 """Result of a sensor: nothing, one belief (to add it), one change, or several of them."""
 
 
+BROKEN = 3
+"""Number of percepts in a row after which a sensor that fails counts as broken."""
+
+
 class Sensor:
     """Sensor of an agent.
 
@@ -33,6 +37,8 @@ class Sensor:
     running: bool = False
     _ticking: Callable[[], None] | None = None
     _rung = False
+    _failures = 0
+    """Number of percepts at which the sensor failed, since the last one that it understood."""
 
     def sense(self, percept: Any) -> Sensed:
         """Return the beliefs for ``percept``."""
@@ -186,7 +192,16 @@ def take_percept(interpreter: Interpreter, sensor: Sensor, percept: Any, cause: 
                 interpreter.forget(event.literal, _percept(interpreter, event, cause, reasons, news=True))
     except Exception as problem:  # noqa: BLE001 - sensors are user code
         interpreter.trace.record_failure(type(sensor).__name__, cause, problem)
+        sensor._failures += 1
+        if sensor._failures == BROKEN:
+            broken = interpreter.broken_sensors
+            interpreter.broken_sensors = {**broken, type(sensor).__name__: str(problem)}
         return
+    if sensor._failures:
+        sensor._failures = 0
+        broken = dict(interpreter.broken_sensors)
+        broken.pop(type(sensor).__name__, None)
+        interpreter.broken_sensors = broken
     if sensor.once and sensed:
         sensor.stop()
 

@@ -152,9 +152,9 @@ def described(error: BaseException, *rooms: str) -> str:
 def place_of(error: BaseException, *rooms: str) -> str:
     """Return the file and line of an exception in code that ``rooms`` called; empty if no frame is there.
 
-    Frames in the folders ``rooms``, of the standard library and of installed packages are left out.
+    Frames in the folders ``rooms``, of the room core, of the standard library and of installed packages are left out.
     """
-    left_out = ("<", *(room + os.sep for room in rooms), os.path.dirname(os.__file__))
+    left_out = ("<", os.path.dirname(__file__), *(room + os.sep for room in rooms), os.path.dirname(os.__file__))
     found, entry = "", error.__traceback__
     while entry is not None:
         file = entry.tb_frame.f_code.co_filename

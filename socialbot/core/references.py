@@ -60,7 +60,7 @@ def load_reference(
         raise error(f"{failure}: {what}", where=where, remedy=mistake.remedy) from mistake
     except (Exception, SystemExit) as mistake:
         raise error(
-            f"{failure}: {described(mistake, str(_SOCIALBOT / 'core'))}",
+            f"{failure}: {described(mistake)}",
             where=where,
             remedy=f"fix the module {module}",
         ) from mistake

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from socialbot.agents.base import agent_node
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.bdi import Engine
+from socialbot.bdi import Belief, Engine, Sensor
 from socialbot.bdi.intentions import Intention
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, NodeError
-from socialbot.core.messages import Mind
+from socialbot.core.messages import Mind, RosMessage, ros_message
+from socialbot.graph.ports import Input
 from socialbot.testing import GraphTester
 
 
@@ -45,6 +47,52 @@ def test_an_engine_that_build_does_not_return_is_missed():
     with pytest.raises(GraphError, match=r"node: Forgetful\.build returns None, which is no engine") as caught:
         GraphTester(Forgetful)
     assert "return engine" in str(caught.value.remedy)
+
+
+class hot(Belief):  # noqa: N801
+    """It is hot."""
+
+
+class Thermometer(Sensor):
+    """Reads a field of a ROS message."""
+
+    def sense(self, percept: RosMessage):
+        return hot() if percept.temperature > 30.0 else None
+
+
+class Porter(AgentNode):
+    """Has one sensor."""
+
+    celsius = Input("sensor_msgs/msg/Temperature", "/celsius")
+
+    def build(self) -> Engine:
+        engine = Engine("porter", self.clock, robot=self, sink=self.record, wake=self.wake)
+        self.thermometer = Thermometer()
+        engine.add_sensor(self.thermometer)
+        return engine
+
+    @celsius
+    def on_celsius(self, message: RosMessage) -> None:
+        self.thermometer.push(message)
+
+
+def test_a_sensor_that_understands_nothing_degrades_its_agent_until_it_does(caplog: pytest.LogCaptureFixture):
+    def health(**fields: float) -> tuple[str, str]:
+        kind = ros_message("sensor_msgs/msg/Temperature")
+        graph.send("/celsius", kind(stamp=graph.clock.now(), ros=SimpleNamespace(**fields)))
+        graph.run(0.1)
+        now = graph.node().context.health_monitor.health()
+        return now.state, now.reason
+
+    with GraphTester(Porter) as graph:
+        assert health(celsius=20.0) == health(celsius=20.0) == ("ok", "")
+        state, reason = health(celsius=20.0)
+        assert state == "degraded"
+        assert reason.startswith("the sensor Thermometer fails at each percept: ")
+        assert "'temperature'" in reason
+        assert health(temperature=20.0) == ("ok", "")
+    line = Thermometer.sense.__code__.co_firstlineno + 1
+    assert f"(test_agent_node.py:{line})" in caplog.text  # the line of the user, not one of socialbot
 
 
 class Endless(AgentNode):

@@ -63,6 +63,7 @@ class AgentNode(Node):
         self._mind_file: MindFile | None = None
         self._paused = False
         self._health: tuple[State, str] = ("ok", "")
+        self._broken: Mapping[str, str] = {}
         engine: object = self.build()
         if not isinstance(engine, Engine):
             what = f"{type(self).__name__}.build returns {engine!r}, which is no engine"
@@ -108,6 +109,8 @@ class AgentNode(Node):
         if self._paused:
             return
         busy = self.engine.run_until_idle(TURNS)
+        if self.engine.interpreter.broken_sensors != self._broken:
+            self._report_sensors()
         if busy:
             self.wake()
         if self._mind_file is not None:
@@ -116,6 +119,12 @@ class AgentNode(Node):
         # Most messages of sensors change nothing.
         if (self._is_to_show and not busy) or self.clock.now() >= self._next_look:
             self._show_mind()
+
+    def _report_sensors(self) -> None:
+        """Report sensors that understand no percept."""
+        self._broken = self.engine.interpreter.broken_sensors
+        reasons = (f"the sensor {name} fails at each percept: {why}" for name, why in self._broken.items())
+        self.report_health("degraded" if self._broken else "ok", "; ".join(reasons))
 
     # Commands of users
 
