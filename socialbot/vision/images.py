@@ -223,8 +223,8 @@ def encode_jpeg(pixels: Pixels, quality: int) -> np.ndarray:
     return data.reshape(-1)
 
 
-_STILL_S, _PLAIN_S = 10.0, 3.0
-"""Time of equal images, and of images of one colour, that is reported."""
+_STILL_S, _PLAIN_S, _TIMELESS_S = 10.0, 3.0, 2.0
+"""Time of equal images, of images of one colour, and of equal stamps, that is reported."""
 _PLAIN_LEVELS = 16  # difference of the values in an image of one colour, with the noise of a covered camera
 _SAMPLED = 8  # of so many rows and columns, one is compared
 
@@ -234,7 +234,14 @@ class _ImageWatch:
 
     def __init__(self) -> None:
         self._last: Pixels | None = None
-        self._changed_at = self._seen_at = 0
+        self._changed_at = self._seen_at = self._ticked_at = 0
+        self._stamp = -1
+
+    def stands_still(self, stamp: int, now: int) -> bool:
+        """Whether images have had the same ``stamp`` for long."""
+        if stamp != self._stamp:
+            self._stamp, self._ticked_at = stamp, now
+        return now - self._ticked_at >= _TIMELESS_S * SECOND
 
     def problem(self, pixels: Pixels, now: int) -> str:
         """Return what is wrong with the images until ``now`` (ns); empty if nothing is."""
@@ -257,7 +264,7 @@ class ImageConverter(Node):
     """Publishes each raw or compressed image as bgr8, with the same stamp and frame.
 
     An image that cannot be converted raises ImageError and is skipped. The health of the node tells images that are
-    all the same, black, or of one colour.
+    all the same, black, or of one colour. It is degraded while all images have the same stamp: nothing moves then.
     """
 
     image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST, deadline_s=SILENT_S)
@@ -278,7 +285,7 @@ class ImageConverter(Node):
     @image_raw
     def on_image(self, image: Image) -> None:
         pixels = bgr_from_image(image)
-        self._look(pixels)
+        self._look(pixels, image.stamp)
         if image.encoding == "bgr8" and pixels.base is not None and image.data.size == pixels.size:
             self.image_color.publish(image)  # nothing to convert: the same message, without a copy
         else:
@@ -287,14 +294,20 @@ class ImageConverter(Node):
     @image_compressed
     def on_compressed(self, image: CompressedImage) -> None:
         pixels = bgr_from_compressed(image)
-        self._look(pixels)
+        self._look(pixels, image.stamp)
         self._publish(pixels, image)
 
-    def _look(self, pixels: Pixels) -> None:
-        problem = self._watch.problem(pixels, self.clock.now())
+    def _look(self, pixels: Pixels, stamp: int) -> None:
+        now, state = self.clock.now(), "ok"
+        problem = self._watch.problem(pixels, now)
+        if self._watch.stands_still(stamp, now):
+            state, problem = (
+                "degraded",
+                "all images have the same stamp; set header.stamp in the driver at each exposure",
+            )
         if problem != self._problem:
             self._problem = problem
-            self.report_health("ok", problem)
+            self.report_health(state, problem)
 
     def _publish(self, pixels: np.ndarray, source: Image | CompressedImage) -> None:
         self.image_color.publish(Image.from_bgr(pixels, stamp=source.stamp, frame_id=source.frame_id))

@@ -96,3 +96,19 @@ def test_images_that_show_nothing_are_told_until_they_show_something(look, told)
         assert not any(bad[:25])
         assert told in bad[-1]
         assert reasons([scene])[-1] == ""
+
+
+def test_images_whose_time_stands_still_are_told():
+    with GraphTester(ImageConverter) as graph:
+
+        def health(stamp: int) -> tuple[str, str]:
+            for _ in range(30):
+                graph.runner.feed(RAW, rgb(stamp or graph.clock.now()), time=graph.clock.now())
+                graph.run(0.1)
+            now = graph.node().context.health_monitor.health()
+            return now.state, now.reason
+
+        assert health(0)[0] == "ok"
+        state, reason = health(7)
+        assert (state, "all images have the same stamp" in reason) == ("degraded", True)
+        assert health(0)[0] == "ok"
