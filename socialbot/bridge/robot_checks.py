@@ -270,7 +270,10 @@ def _content_problem(each: Requirement, message: Any) -> Problem | None:
             bgr_from_compressed(read)
         elif type(read) is CameraInfo:
             if not is_calibrated(read):
-                return "is not calibrated: k is 0", "calibrate the camera, or set hfov_rad of the person detector"
+                return (
+                    "is not calibrated: k is 0",
+                    "calibrate the camera, or give its hfov_rad in the profile or to the person detector",
+                )
             CameraModel.from_info(read)
     except SocialbotError as error:
         return f"cannot be used: {error.what}", error.remedy or "check the driver"

@@ -20,6 +20,7 @@ from socialbot.graph.ports import Input
 from socialbot.robots.head import NO_PAN, NO_TILT, TARGET, RobotHead
 from socialbot.robots.profile import (
     STANDARD_TOPICS,
+    USUAL_HFOV_RAD,
     CameraProfile,
     HeadProfile,
     Part,
@@ -107,6 +108,7 @@ def _in_namespace(graph: Graph, namespace: str) -> Graph:
 
 def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> Graph:
     nodes: list[NodeConfig] = []
+    info = camera.info
     for config in graph.nodes:
         if issubclass(config.type, Camera):
             if not camera.device:
@@ -117,7 +119,9 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
         elif issubclass(config.type, ImageConverter) and not camera.device:
             config = _changed(config, remap={"image_raw": camera.image, "image_compressed": camera.compressed})
         elif issubclass(config.type, PersonDetector):
-            values = {"hfov_rad": camera.hfov_rad} if camera.device else {}
+            values: dict[str, Any] = {}
+            if camera.device or camera.hfov_rad != USUAL_HFOV_RAD:
+                values["hfov_rad"] = camera.hfov_rad
             if is_rectified(camera.image or camera.compressed):
                 values["rectified"] = True
             if camera.height_m:
@@ -125,10 +129,11 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
             if camera.pitch_rad < _UNKNOWN_PITCH_RAD:
                 values["pitch_rad"] = camera.pitch_rad
             config = _changed(config, values, {} if camera.device else {"camera_info": camera.info})
+            info = info or config.topic(PersonDetector.camera_info)  # which nobody publishes
         elif issubclass(config.type, Head):
             config = _changed(config, {"camera_on_head": camera.on_head})
         nodes.append(config)
-    return _joined(graph, nodes, () if camera.device else (camera.image, camera.compressed, camera.info))
+    return _joined(graph, nodes, () if camera.device else (camera.image, camera.compressed, info))
 
 
 _UNKNOWN_PITCH_RAD = 2.0

@@ -72,6 +72,10 @@ class JointProfile:
         return max(0.0, min(-self.lower_rad, self.upper_rad))
 
 
+USUAL_HFOV_RAD = 1.09
+"""Horizontal field of view of a camera whose profile tells none."""
+
+
 @dataclass(frozen=True)
 class CameraProfile:
     """Camera of a robot: its topics, or the device that this computer opens.
@@ -85,7 +89,7 @@ class CameraProfile:
         on_head: Whether the camera turns with the head.
         height_m: Height above the floor; 0: from the robot's transforms, or estimated.
         pitch_rad: Downward tilt; 2: not known.
-        hfov_rad: Horizontal field of view of a device.
+        hfov_rad: Horizontal field of view, if the intrinsics do not tell it.
     """
 
     image: _Name = ""
@@ -96,7 +100,7 @@ class CameraProfile:
     on_head: bool = False
     height_m: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
     pitch_rad: Annotated[float, msgspec.Meta(ge=-1.5, le=2.0)] = 2.0
-    hfov_rad: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)] = 1.09
+    hfov_rad: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)] = USUAL_HFOV_RAD
 
 
 @dataclass(frozen=True)
@@ -287,10 +291,9 @@ def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
             where=section.where,
             remedy="give 'image' or 'compressed', the topic of its driver, or 'device', such as \"0\"",
         )
-    if not (camera.device or camera.info):
-        raise GraphError(
-            "the camera has no intrinsics", where=section.where, remedy="give 'info', the topic of its CameraInfo"
-        )
+    if not (camera.device or camera.info or camera.hfov_rad != USUAL_HFOV_RAD):
+        remedy = "give 'info', the topic of its CameraInfo; or 'hfov_rad', the horizontal field of view"
+        raise GraphError("the camera has no intrinsics", where=section.where, remedy=remedy)
     return camera
 
 

@@ -78,6 +78,13 @@ def test_the_joint_states_of_a_head_may_have_another_name(tmp_path):
     assert "/neck/joint_states" in {each.name for each in requirements(load_profile(str(path)))}
 
 
+@pytest.mark.parametrize("info", [", info: /cam/camera_info", ""])
+def test_a_camera_without_intrinsics_has_a_field_of_view(info):
+    text = GOOD.replace(", info: /cam/camera_info", f"{info}, hfov_rad: 1.3")
+    detector = with_robot(load_graph("waldo"), parse_profile(text, "robby.yaml")).node("person_detector")
+    assert detector.parameters["hfov_rad"] == 1.3
+
+
 @pytest.mark.parametrize(("key", "agent"), [("pan", ("neck_pan", "no_tilt")), ("tilt", ("no_pan", "neck_tilt"))])
 def test_a_head_may_have_one_joint(key, agent):
     lines = [
