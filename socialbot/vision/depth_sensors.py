@@ -41,6 +41,7 @@ _KEPT_IMAGES, _KEPT_CLOUDS = 20, 5
 _SAME = 0.03
 """Largest relative difference of the intrinsics of a registered depth image and the picture."""
 _PLACED_NS = 2 * SECOND  # Transforms that place the camera come within this time of its first image.
+_LOST_NS = 2 * SECOND  # Transforms of moving frames without news for this time have stopped.
 _MOST_POINTS = 120_000
 
 
@@ -60,6 +61,10 @@ class DepthSensors:
     _pose: Matrix | None = field(default=None, init=False)
     _warned: set[str] = field(default_factory=set, init=False)
     _unplaced_since: int = field(default=2**62, init=False)
+    _moved_at: int | None = field(default=None, init=False)
+    """Stamp (ns) of the newest transforms that move the camera."""
+    _moved_by: int = field(default=0, init=False)
+    """Stamp (ns) of the first image after them, as the clocks may differ."""
 
     def set_pose(self, text: str) -> None:
         """Set the pose of the sensor, for frames without a transform.
@@ -94,7 +99,20 @@ class DepthSensors:
         return None
 
     def camera_yaw(self, frame_id: str, stamp: int) -> float | None:
-        """Direction of the camera ``frame_id`` at ``stamp`` (ns) in the base of the robot, rad; None if unknown."""
+        """Direction of the camera ``frame_id`` at ``stamp`` (ns) in the base of the robot, rad; None if unknown.
+
+        It is not known, either, if the frames that move between both are no longer published.
+        """
+        known = (self._transforms.moved_at(base, frame_id) for base in base_frames(self._transforms))
+        moved_at = max((at for at in known if at is not None), default=None)
+        if moved_at != self._moved_at:
+            self._moved_at, self._moved_by = moved_at, stamp
+        elif moved_at is not None and stamp - self._moved_by > _LOST_NS:
+            self._warn(
+                f"the transforms of {frame_id!r} have stopped: the direction of the camera is estimated from commands "
+                "to the head; is robot_state_publisher running, and does it get joint states?"
+            )
+            return None
         return yaw_from_transforms(self._transforms, frame_id, stamp)
 
     def at(self, stamp: int, frame_id: str, camera: CameraModel) -> tuple[RangeImage, ...]:

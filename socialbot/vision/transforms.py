@@ -83,6 +83,20 @@ class TransformTree:
         known = self._parents.get(frame)
         return None if known is None else known[-1].stamp
 
+    def moved_at(self, target: str, source: str) -> int | None:
+        """Stamp (ns) up to which all moving frames between two frames are known; None if none of them moves."""
+        between = (self._ancestors(source.lstrip("/")) ^ self._ancestors(target.lstrip("/"))) & self._moving
+        return min((self._parents[frame][-1].stamp for frame in between), default=None)
+
+    def _ancestors(self, frame: str) -> set[str]:
+        """``frame`` and its ancestors."""
+        found: set[str] = set()
+        while frame not in found:
+            found.add(frame)
+            if known := self._parents.get(frame):
+                frame = known[-1].parent
+        return found
+
     def lookup(self, target: str, source: str, stamp: int) -> Matrix | None:
         """Transform of points from frame ``source`` to frame ``target`` at about ``stamp`` (ns); None if unknown."""
         to_root, of_root = self._chain(source.lstrip("/"), stamp), self._chain(target.lstrip("/"), stamp)

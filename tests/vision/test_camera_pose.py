@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Transform, Transforms
 from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose
@@ -262,3 +263,30 @@ def test_camera_that_is_not_connected_to_a_base_is_told_once(caplog):
         "the transforms do not place the camera 'eye' above the floor of base_link: its pose is estimated from people; "
         "check frame_id of the images, and /tf_static"
     ]
+
+
+@pytest.mark.parametrize("clock_s", [0.0, -100.0])
+def test_the_direction_of_a_camera_is_not_known_once_its_transforms_have_stopped(clock_s, caplog):
+    optical = (-0.5, 0.5, -0.5, 0.5)
+    still = (0.0, 0.0, 0.0, 1.0)
+
+    def link(parent: str, child: str, stamp_s: float, rotation: tuple[float, float, float, float]) -> Transforms:
+        stamp = round(stamp_s * SECOND)
+        each = Transform(stamp=stamp, parent=parent, child=child, translation=(0.0, 0.0, 0.5), rotation=rotation)
+        return Transforms(stamp=stamp, transforms=(each,))
+
+    def yaw(at_s: float) -> float | None:
+        return sensors.camera_yaw("eye_optical", round((at_s + clock_s) * SECOND))
+
+    sensors = DepthSensors()
+    sensors.take(link("neck", "eye_optical", 0.0, optical))
+    sensors.take(link("odom", "base_link", 200.0, still), moving=True)  # drives, but not between base and camera
+    for tenth in range(2000, 2030):
+        sensors.take(link("base_link", "neck", tenth / 10, still), moving=True)
+        assert yaw(tenth / 10) == pytest.approx(0.0)
+    assert yaw(204.0) == pytest.approx(0.0)
+    assert not caplog.text
+    assert yaw(205.5) is None
+    assert "have stopped" in caplog.text
+    sensors.take(link("base_link", "neck", 206.0, still), moving=True)
+    assert yaw(206.0) == pytest.approx(0.0)
