@@ -255,11 +255,12 @@ class TrajectoryActionHead(RobotHead):
     def _on_end(self, number: int, result: CallResult) -> None:
         if number != self._number:
             return  # a newer target has replaced the goal
-        if result.ok:
+        code = getattr(result.message, "error_code", 0)
+        if result.ok and not code:
             if not self._is_stuck:  # some controllers succeed although the motors are off
                 self.report_health("ok")
         elif result.outcome != "cancelled":
-            text = getattr(result.message, "error_string", "") or result.reason
+            text = getattr(result.message, "error_string", "") or result.reason or f"error {code} of the controller"
             self.report_health("degraded", f"the head did not move: {text}")
 
 

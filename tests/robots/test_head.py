@@ -198,7 +198,12 @@ def test_a_goal_that_a_newer_target_replaces_is_no_fault(monkeypatch):
         assert not any(reasons)
         graph.node("controller").present.abort({"error_string": "blocked"})
         graph.run(0.2)
-    assert reasons[-1] == "the head did not move: blocked"
+        assert reasons[-1] == "the head did not move: blocked"
+        target(graph, 0.5, 0.0, duration_s=1.0)
+        graph.run(0.2)
+        graph.node("controller").present.succeed({"error_code": -5})  # as some drivers end a failed motion
+        graph.run(0.2)
+    assert reasons[-1] == "the head did not move: error -5 of the controller"
 
 
 def test_a_head_that_did_not_move_sends_nothing_at_the_end():
