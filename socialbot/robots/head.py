@@ -14,7 +14,7 @@ from socialbot.graph.calls import CallResult, PendingCall, make_message
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.graph.services import ActionClient, ClientPort
-from socialbot.robots.limits import WIDEST_RAD, JointLimits, JointMotion, checked_target, least_duration_s
+from socialbot.robots.limits import FRESH_S, WIDEST_RAD, JointLimits, JointMotion, checked_target, least_duration_s
 
 TARGET = "/robot/head_target"
 """Topic between the node that decides where to look and the node of the robot's head."""
@@ -23,7 +23,6 @@ NO_PAN, NO_TILT = "no_pan", "no_tilt"
 """Names in head targets of the axis about which a robot does not turn its head."""
 
 _LONGEST_S = 60.0  # longest motion that a target may ask for
-_FRESH_S = 0.5  # older joint states do not count
 _STUCK_S = 3.0  # a head away from its target that has not moved for this long does not follow
 _STUCK_RAD, _MOVED_RAD = 0.1, 0.02  # least distance from the target, and least way of a head that moves
 _LEAST_SHARE = 0.01  # least share of the full speed that moves a joint of NAOqi
@@ -106,7 +105,7 @@ class RobotHead(Node):
     def pose(self) -> dict[str, float] | None:
         """Return the present positions (rad) by joint; None if they are not known."""
         now = self.clock.now()
-        if now - self._states_at <= nanoseconds(_FRESH_S) and self._states.keys() >= self._limits.keys():
+        if now - self._states_at <= nanoseconds(FRESH_S) and self._states.keys() >= self._limits.keys():
             return {joint: self._states[joint] for joint in self._limits}
         motion = self._motion
         if motion is None or not (self._from_known_pose or now >= motion.begin + nanoseconds(motion.duration_s)):

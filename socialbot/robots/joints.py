@@ -25,13 +25,13 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.ros_action import RosAction
 from socialbot.bdi import Failed, SingletonBelief
 from socialbot.bdi.sensors import Sensed
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import RosMessage
 from socialbot.graph.node import Context
 from socialbot.graph.ports import Delivery, Input, Parameter
 from socialbot.graph.services import ActionClient
-from socialbot.robots.limits import JointLimits, checked_target, least_duration_s
+from socialbot.robots.limits import FRESH_S, JointLimits, checked_target, least_duration_s
 
 LEAST_S = 0.1
 """Shortest duration of a motion."""
@@ -59,6 +59,7 @@ class JointsAgent(AgentNode):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self._states: dict[str, float] = {}
+        self._states_at = -(2**62)
         super().__init__(name, context, parameters)
         self._limits = parse_limits(self.limits, where=f"{name}.limits")
 
@@ -67,11 +68,13 @@ class JointsAgent(AgentNode):
         for joint, position in zip(message.name, message.position, strict=False):
             if joint in self._limits and math.isfinite(position):
                 self._states[joint] = float(position)
+                self._states_at = self.clock.now()
 
     def trajectory(self, targets: Mapping[str, float]) -> Mapping[str, Any]:
         """Return the fields of a trajectory to positions (rad), within the limits. Raises MessageError."""
         wanted = checked_target(tuple(targets), tuple(targets.values()), self._limits, where=self.name)
-        start = self._states if self._states.keys() >= wanted.keys() else None
+        is_known = self.clock.now() - self._states_at <= nanoseconds(FRESH_S) and self._states.keys() >= wanted.keys()
+        start = self._states if is_known else None
         duration_s = max(least_duration_s(start, wanted, self._limits), LEAST_S)
         seconds = int(duration_s)
         point = {

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
 
+FRESH_S = 0.5
+"""Age (s) from which joint states do not count."""
+
 WIDEST_RAD = 6.3
 """Largest position (rad) of a head joint: a full turn to either side, rounded up as in URDFs."""
 

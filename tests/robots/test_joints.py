@@ -96,6 +96,16 @@ def test_a_motion_is_clamped_and_as_slow_as_the_speeds_ask():
     assert seconds == pytest.approx(2.0)  # 1 rad at .5 rad/s
 
 
+def test_positions_of_joint_states_that_have_stopped_do_not_count():
+    with waver() as graph:
+        states = SimpleNamespace(name=["elbow", "shoulder"], position=[0.0, 0.0])
+        graph.send("/joint_states", ros_message("sensor_msgs/msg/JointState")(stamp=0, ros=states))
+        graph.run(5.0)
+        told(graph, "shoulder", 0.0, "elbow", 0.0)
+        ((_, seconds),) = graph.node("controller").goals
+    assert seconds == pytest.approx(3.0)  # the arm may be anywhere: 1.5 rad at .5 rad/s
+
+
 def test_from_unknown_positions_a_motion_takes_as_long_as_the_longest_way():
     with waver() as graph:
         told(graph, "shoulder", 0.0, "elbow", 0.0)
