@@ -121,11 +121,17 @@ class MobileAgent(AgentNode):
     area = Parameter("", "where the robot may drive: x_min y_min x_max y_max, m; empty: everywhere", fixed=True)
     social_m = Parameter(1.2, "distance at which a person is addressed, m", minimum=INTIMATE_M, maximum=5.0)
     clearance_m = Parameter(1.0, "distance from the way of a person, m", minimum=INTIMATE_M, maximum=5.0)
-    recent_s = Parameter(2.0, "oldest sight of a person that counts, s", minimum=0.1, maximum=60.0)
+    recent_s = Parameter(
+        2.0, "oldest sight of a person, and oldest pose of the robot, that counts, s", minimum=0.1, maximum=60.0
+    )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self._frames = TransformTree()
         self._people: dict[str, PersonSpot] = {}
+        self._moved_at: int | None = None
+        """Stamp (ns) of the newest transforms that place the robot, by the clock of their sender."""
+        self._moved_by = -(2**62)
+        """Time (ns) of their arrival."""
         super().__init__(name, context, parameters)
         for parameter in ("home", "area"):
             self.on_parameter(parameter)
@@ -141,6 +147,9 @@ class MobileAgent(AgentNode):
     @tf
     def on_transforms(self, message: Transforms) -> None:
         self._frames.add(message.transforms, moving=True)
+        moved_at = self._frames.moved_at(self.frame, self.robot_frame)
+        if moved_at != self._moved_at:
+            self._moved_at, self._moved_by = moved_at, self.clock.now()
 
     @tf_static
     def on_static_transforms(self, message: Transforms) -> None:
@@ -148,7 +157,7 @@ class MobileAgent(AgentNode):
 
     def note_people(self, message: PersonDetections) -> None:
         """Note where the people of a message are in the map."""
-        robot = self.robot_pose(message.stamp)
+        robot, now = self.robot_pose(message.stamp), self.clock.now()
         if robot is None:
             return
         for person in message.known:
@@ -162,8 +171,8 @@ class MobileAgent(AgentNode):
                 facing = _wrapped(direction)
             x = robot.x + person.distance_m * math.cos(direction)
             y = robot.y + person.distance_m * math.sin(direction)
-            self._people[person.track_id] = PersonSpot(x, y, facing, message.stamp)
-        newest = message.stamp - round(self.recent_s * SECOND)
+            self._people[person.track_id] = PersonSpot(x, y, facing, now)
+        newest = now - round(self.recent_s * SECOND)
         self._people = {who: spot for who, spot in self._people.items() if spot.stamp >= newest}
 
     def robot_pose(self, stamp: int | None = None) -> Pose2D | None:
@@ -175,11 +184,11 @@ class MobileAgent(AgentNode):
 
     def goal_near(self, person: str) -> Mapping[str, Any]:
         """Return the goal before a person. Raises Failed if the person or the robot is not seen."""
-        return self.goal_at(pose_before(self._pose(), self._spot(person), self.social_m))
+        return self.goal_at(pose_before(*self._robot_and(person), self.social_m))
 
     def goal_aside(self, person: str) -> Mapping[str, Any]:
         """Return the goal beside the way of a person. Raises Failed if the person or the robot is not seen."""
-        return self.goal_at(pose_aside(self._pose(), self._spot(person), self.clearance_m))
+        return self.goal_at(pose_aside(*self._robot_and(person), self.clearance_m))
 
     def goal_home(self) -> Mapping[str, Any]:
         """Return the goal at home. Raises Failed if it is outside of the area."""
@@ -193,17 +202,21 @@ class MobileAgent(AgentNode):
             low_x, low_y, high_x, high_y = _numbers(self.area, 4, f"{self.name}.area")
             if not (low_x <= pose.x <= high_x and low_y <= pose.y <= high_y):
                 raise Failed("outside", f"({pose.x:.2f}, {pose.y:.2f}) is outside of the area {self.area}")
-        now = self.clock.now()
-        header = {"frame_id": self.frame, "stamp": {"sec": now // SECOND, "nanosec": now % SECOND}}
+        header = {"frame_id": self.frame}  # without a stamp: the clock of the robot may differ
         turn = {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw / 2), "w": math.cos(pose.yaw / 2)}
         place = {"x": float(pose.x), "y": float(pose.y), "z": 0.0}
         return {"pose": {"header": header, "pose": {"position": place, "orientation": turn}}}
 
-    def _pose(self) -> Pose2D:
-        pose = self.robot_pose()
+    def _robot_and(self, person: str) -> tuple[Pose2D, PersonSpot]:
+        """Return the pose of the robot, and the place of a person. Raises Failed."""
+        pose, lack = self.robot_pose(self._moved_at), f"no transform from {self.frame} to {self.robot_frame}"
         if pose is None:
-            raise Failed("no_pose", f"no transform from {self.frame} to {self.robot_frame}")
-        return pose
+            raise Failed("no_pose", lack)
+        spot = self._spot(person)
+        age_s = (self.clock.now() - self._moved_by) / SECOND
+        if self._moved_at is not None and age_s > self.recent_s:
+            raise Failed("no_pose", f"{lack} for {age_s:.1f} s")
+        return pose, spot
 
     def _spot(self, person: str) -> PersonSpot:
         spot = self._people.get(person)

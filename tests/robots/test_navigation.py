@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from socialbot import ActionServer, GoalHandle, Graph, Node, NodeConfig
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord, Transform, Transforms
 from socialbot.robots.binding import with_robot
@@ -31,6 +32,7 @@ class Navigator(Node):
     navigate = ActionServer(NAVIGATE, "/navigate_to_pose")
     goals: tuple[tuple[float, float, float], ...] = ()
     frames: tuple[str, ...] = ()
+    stamps: tuple[int, ...] = ()
 
     @navigate
     def on_goal(self, goal: GoalHandle) -> None:
@@ -38,6 +40,7 @@ class Navigator(Node):
         yaw = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
         self.goals += ((pose.position.x, pose.position.y, yaw),)
         self.frames += (goal.request.pose.header.frame_id,)
+        self.stamps += (goal.request.pose.header.stamp.sec,)
         for distance_m in (2.0, math.nan, math.inf):
             goal.feedback({"distance_remaining": distance_m})
         self.call_after(1.0, goal.succeed)
@@ -51,27 +54,29 @@ def usher(**parameters: Any) -> Iterator[GraphTester]:
         yield graph
 
 
-def place_robot(graph: GraphTester, x: float, y: float, yaw: float, frame: str = "base_link") -> None:
+def place_robot(
+    graph: GraphTester, x: float, y: float, yaw: float, frame: str = "base_link", clock_s: float = 0
+) -> None:
     """Say where the robot is in the map, by two transforms as on a robot."""
-    now, turn = graph.clock.now(), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    now, turn = graph.clock.now() + round(clock_s * SECOND), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
     still = (0.0, 0.0, 0.0, 1.0)
     transforms = (
         Transform(stamp=now, parent="map", child="odom", translation=(1.0, 0.0, 0.0), rotation=still),
         Transform(stamp=now, parent="odom", child=frame, translation=(x - 1.0, y, 0.0), rotation=turn),
     )
-    graph.send("/tf", Transforms(stamp=now, transforms=transforms))
+    graph.runner.feed("/tf", Transforms(stamp=now, transforms=transforms), time=graph.clock.now())
 
 
-def see(graph: GraphTester, distance_m: float, bearing_rad: float, facing_rad: float | None = 0.0) -> None:
+def see(
+    graph: GraphTester, distance_m: float, bearing_rad: float, facing_rad: float | None = 0.0, clock_s: float = 0
+) -> None:
     person = PersonDetection(
         x=0, y=0, w=9, h=9, score=1.0, track_id="t1",
         distance_m=distance_m, bearing_rad=bearing_rad, facing_rad=facing_rad,
     )  # fmt: skip
-    stamp = graph.clock.now()
-    graph.send(
-        "/humans/bodies/detections",
-        PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=(person,)),
-    )
+    stamp = graph.clock.now() + round(clock_s * SECOND)
+    message = PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=(person,))
+    graph.runner.feed("/humans/bodies/detections", message, time=graph.clock.now())
 
 
 def beliefs(graph: GraphTester) -> list[str]:
@@ -97,6 +102,32 @@ def test_a_person_is_approached_to_the_social_distance_and_faced():
         nav2 = graph.node("nav2")
         assert nav2.goals[0] == pytest.approx((2.0, 3.8, math.pi / 2))
         assert nav2.frames == ("map",)
+
+
+@pytest.mark.parametrize("clock_s", [-100.0, 100.0])
+def test_a_robot_and_a_camera_with_another_clock_approach_people(clock_s):
+    with usher() as graph:
+        graph.run(200.0)
+        for x in (0.0, 2.0):
+            place_robot(graph, x, 1.0, math.pi / 2, clock_s=clock_s)
+            graph.run(0.5)
+        see(graph, 4.0, 0.0, clock_s=clock_s)
+        graph.node("usher").engine.achieve(meet("t1"))
+        graph.run(1.5)
+        nav2 = graph.node("nav2")
+        assert nav2.goals[0] == pytest.approx((2.0, 3.8, math.pi / 2))
+        assert nav2.stamps == (0,)  # Nav2 takes the newest transforms
+
+
+def test_a_robot_whose_transforms_have_stopped_does_not_drive():
+    with usher() as graph:
+        place_robot(graph, 2.0, 1.0, 0.0)
+        graph.run(3.0)
+        see(graph, 4.0, 0.0)
+        graph.node("usher").engine.achieve(meet("t1"))
+        graph.run(0.5)
+        assert graph.node("nav2").goals == ()
+        assert last_message(graph) == "no transform from map to base_link for 3.0 s"
 
 
 def test_home_is_where_the_parameter_says():
