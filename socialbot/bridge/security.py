@@ -41,7 +41,7 @@ class Freshness:
         joins_late: Accept messages older than the receiver, for latched topics.
         now: The wall clock (ns), which may be set at any time.
         steady: A steady clock (ns), for the age of the receiver.
-        accepted: Times of messages that earlier receivers may have accepted, although their sender's clock is ahead.
+        accepted: Times and numbers of messages that earlier receivers may have accepted.
     """
 
     window_s: float
@@ -62,7 +62,7 @@ class Freshness:
     def judge(self, sender: str, stream: str, number: int, time: int) -> FreshnessVerdict:
         """Check and remember a message with a valid signature from ``time`` (ns)."""
         now, key = self.now(), (sender, stream)
-        last_number, last_time = self._last.get(key, (-1, 0))
+        last_number, last_time = self._last.get(key) or (self._number_before(sender, stream), 0)
         # Unless a clock was set back, a renewal is newer than the known one.
         is_old = time == last_time or time < last_time <= now
         if number < last_number or (number == last_number and is_old):
@@ -76,16 +76,20 @@ class Freshness:
         if key not in self._last and len(self._last) >= MAX_STREAMS:
             self._last = {known: last for known, last in self._last.items() if now - last[1] <= self._window}
         if self.accepted is not None:
-            self.accepted.note(sender, time)
+            self.accepted.note(sender, stream, number, time)
         self._last[key] = number, time
         return "renewed" if number == last_number else "new"
+
+    def _number_before(self, sender: str, stream: str) -> int:
+        """The number up to which an earlier receiver accepted messages; a late subscriber needs the last one again."""
+        return -1 if self.accepted is None else self.accepted.number(sender, stream) - self.joins_late
 
     def _was_accepted(self, sender: str, time: int, now: int) -> bool:
         """Whether an earlier receiver may have accepted a message from ``time``."""
         if self.joins_late or self.accepted is None:
             return False
         before = self.accepted.before(sender)
-        # If the clock was set back since, messages from those times are too early.
+        # If the clock was set back since, these times come once more: numbers tell the old messages.
         return time <= before <= now + self._window
 
 

@@ -248,11 +248,56 @@ def test_accepted_times_of_a_clock_that_was_set_back_do_not_count(clocks, tmp_pa
     assert again.judge("a", "s", 9, clocks.wall + 3600 * SECOND) == REPLAYED
 
 
+@pytest.mark.parametrize("back_s", [1, 4, 5, 30, 3600, 86400])
+def test_a_restart_after_the_clock_was_set_back_opens_no_replay(clocks, tmp_path, back_s):
+    """The clock reaches the times of old messages again, as on a computer whose clock stops with its power."""
+    first = clocks.receiver(accepted=AcceptedTimes(tmp_path))
+    clocks.go_on(5)
+    said = [(number, clocks.wall + number * SECOND) for number in range(1, 9)]
+    for number, time in said:
+        clocks.go_on(1)
+        assert first.judge("a", "s", number, time) == NEW
+    clocks.wall -= back_s * SECOND
+    clocks.go_on(0.5)
+    again = clocks.receiver(accepted=AcceptedTimes(tmp_path))
+    heard = []
+    for _ in range(2 * back_s if back_s < 60 else 0):
+        clocks.go_on(0.5)
+        heard += [again.judge("a", "s", number, time) for number, time in said]
+    clocks.wall = said[0][1]
+    heard += [again.judge("a", "s", number, time) for number, time in said]
+    assert NEW not in heard
+    clocks.go_on(10)
+    assert again.judge("a", "s", 9, clocks.wall) == NEW
+
+
+def test_a_late_subscriber_takes_the_last_state_of_an_earlier_one_but_no_older_one(clocks, tmp_path):
+    first = clocks.receiver(joins_late=True, accepted=AcceptedTimes(tmp_path))
+    assert [first.judge("a", "s", number, clocks.wall) for number in (4, 5)] == [NEW, NEW]
+    clocks.go_on(0.1)
+    again = clocks.receiver(joins_late=True, accepted=AcceptedTimes(tmp_path))
+    assert NEW not in [again.judge("a", "s", number, clocks.wall) for number in (3, 4)]
+    assert again.judge("a", "s", 5, clocks.wall) == NEW
+
+
+def test_the_numbers_of_many_streams_are_kept_in_a_file_of_limited_size(tmp_path):
+    times = AcceptedTimes(tmp_path)
+    for number in range(5000):
+        times.note("a", f"s{number}", number, number)
+    times.note("a", "s4999", 1, 5000)
+    kept = AcceptedTimes(tmp_path)
+    assert [kept.number("a", f"s{number}") for number in range(4990, 5000)] == list(range(4990, 5000))
+    assert (kept.number("b", "s4999"), kept.number("a", "s5000")) == (-1, -1)
+    assert (tmp_path / ".streams").stat().st_size <= 100_000
+    (tmp_path / ".streams").write_bytes(b"damaged")
+    assert AcceptedTimes(tmp_path).number("a", "s4999") == -1
+
+
 def test_processes_share_the_accepted_times(tmp_path):
     one, other = AcceptedTimes(tmp_path / "x"), AcceptedTimes(tmp_path / "x")
-    one.note("a", 9 * SECOND)
-    other.note("a", 5 * SECOND)
-    other.note("b", 5 * SECOND)
+    one.note("a", "s", 1, 9 * SECOND)
+    other.note("a", "s", 1, 5 * SECOND)
+    other.note("b", "s", 1, 5 * SECOND)
     read = AcceptedTimes(tmp_path / "x")
     assert (read.before("a"), read.before("b"), read.before("c")) == (9_050_000_000, 5_050_000_000, 0)
     (tmp_path / "x" / "a").write_bytes(b"damaged")
@@ -262,8 +307,8 @@ def test_processes_share_the_accepted_times(tmp_path):
 def test_a_folder_that_cannot_be_written_is_reported_once(tmp_path, caplog):
     (tmp_path / "file").touch()
     times = AcceptedTimes(tmp_path / "file" / "inside")
-    times.note("a", SECOND)
-    times.note("a", 2 * SECOND)
+    times.note("a", "s", 1, SECOND)
+    times.note("a", "s", 2, 2 * SECOND)
     assert caplog.text.count("cannot note accepted messages") == 1
 
 
@@ -271,12 +316,12 @@ def test_times_are_noted_again_once_the_folder_can_be_written(tmp_path, caplog):
     """A full disk, or one that is mounted late."""
     (tmp_path / "file").touch()
     times = AcceptedTimes(tmp_path / "file")
-    times.note("a", SECOND)
+    times.note("a", "s", 1, SECOND)
     (tmp_path / "file").unlink()
-    times.note("a", 2 * SECOND)
+    times.note("a", "s", 2, 2 * SECOND)
     assert AcceptedTimes(tmp_path / "file").before("a") == 2_050_000_000
     (tmp_path / "file" / "b").mkdir()
-    times.note("b", SECOND)
+    times.note("b", "s", 1, SECOND)
     assert caplog.text.count("cannot note accepted messages") == 2
 
 

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import msgspec
 import pytest
 
 from socialbot.agents.waldo.nodes import Listener
-from socialbot.bridge import stream_watch
+from socialbot.bridge import security, stream_watch
 from socialbot.bridge import transport as wires
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsSubscriber
@@ -22,9 +23,10 @@ from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.qos import QUEUE_DEPTH, subscription_qos
-from socialbot.bridge.security import SCHEMA, Stream
+from socialbot.bridge.security import BEACON, SCHEMA, Freshness, Stream
 from socialbot.bridge.topics import list_topics, observer_node, publish_once
 from socialbot.bridge.wait_sets import OneThreadExecutor
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import HeadCommand, Structured, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.graph.health import HEALTH_TOPIC
@@ -117,6 +119,11 @@ class Stranger:
         self.publisher.publish(self._string(data=text))
 
 
+def words(stranger: Stranger) -> list[str]:
+    """Sealed messages that a stranger has recorded, without beacons."""
+    return [text for text in stranger.heard if BEACON not in text]
+
+
 def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
     """Return forged messages by the expected reason of their refusal."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -190,6 +197,31 @@ def test_a_restarted_node_refuses_replayed_commands(keys):
             stranger.say(stranger.heard[0])
             assert eventually(lambda: mouth.statistics.refusals == {"late": 1})
             assert mouth.node.said == []
+
+
+def test_a_restarted_node_refuses_replayed_commands_after_its_clock_was_set_back(
+    keys: Keys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock of the machine reaches the time of a command once more: a computer without a battery for it."""
+    monkeypatch.setenv(wires.WINDOW_VARIABLE, "1.0")
+    with observer_node() as sender, observe_graph({}, lambda *_: None, lambda *_: None) as watch:
+        stranger = Stranger(watch.ros)
+        with hosted(Mouth) as (mouth,):
+            publish_once(sender, TOPIC, Utterance(stamp=1, id="u", text="once"), timeout_s=5.0)
+            time.sleep(3.0)
+            publish_once(sender, TOPIC, Utterance(stamp=1, id="v", text="later"), timeout_s=5.0)
+            assert eventually(lambda: mouth.node.said == ["once", "later"] and len(words(stranger)) == 2)
+        first = msgspec.json.decode(words(stranger)[0])["time"]
+        back = time.time_ns() - first + SECOND
+        for each in (Freshness, Stream):
+            monkeypatch.setattr(security, each.__name__, partial(each, now=lambda: time.time_ns() - back))
+        with hosted(Mouth) as (mouth,):
+            assert eventually(lambda: stranger.publisher.get_subscription_count() == 2)
+            stranger.say(words(stranger)[0])
+            time.sleep(0.5)
+            publish_once(sender, TOPIC, Utterance(stamp=1, id="w", text="new"), timeout_s=5.0)
+            assert eventually(lambda: bool(mouth.node.said))
+            assert mouth.node.said == ["new"]
 
 
 def test_a_late_subscriber_receives_the_last_latched_message_once(keys, monkeypatch):
