@@ -25,6 +25,20 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _SCAN = b"\xff\xda"
 
+_VIDEO_MARKS = (
+    *((4, name.encode()) for name in ("ftyp", "moov", "mdat", "moof", "free", "skip", "wide", "styp")),  # MP4
+    *((8, name) for name in (b"AVI ", b"AVIX")),
+    (0, b"\x1a\x45\xdf\xa3"),  # Matroska, WebM
+    *((at, b"\x47") for at in (188, 196)),  # MPEG transport stream, of a camcorder
+    *((0, name) for name in (b"\0\0\1", b"\0\0\0\1")),  # MPEG program stream; H.264 and H.265 without container
+    *((0, name) for name in (b"OggS", b"FLV", b"GIF8", b"DKIF", b"YUV4MPEG2 ")),
+    (0, b"\x30\x26\xb2\x75"),  # ASF, WMV
+    (0, b"\x06\x0e\x2b\x34"),  # MXF
+    (0, b"\xff\xd8\xff"),  # motion JPEG
+)
+"""Places and marks by which formats of videos are known."""
+_BEGIN_BYTES = 200
+
 
 def read_image(path: Path) -> np.ndarray:
     """Decode an image file: shape (height, width, 3), uint8, BGR, turned as its EXIF orientation says.
@@ -73,10 +87,7 @@ def has_too_many_scans(data: bytes) -> bool:
 
 def open_video(path: str | Path) -> cv2.VideoCapture:
     """Open a video file. Raises ImageError if it is none, or its frames have more than `IMAGE_PIXELS`."""
-    try:
-        open_file(path).close()  # a pipe would be waited for
-    except OSError as error:
-        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    check_video(path)
     capture = cv2.VideoCapture(str(path))
     width, height = (capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if capture.isOpened() and width * height <= IMAGE_PIXELS:
@@ -84,6 +95,18 @@ def open_video(path: str | Path) -> cv2.VideoCapture:
     what = too_many_pixels() if capture.isOpened() else "cannot be opened as a video"
     capture.release()
     raise ImageError(what, where=str(path), remedy="convert it to mp4, avi or mkv, with smaller frames")
+
+
+def check_video(path: str | Path) -> None:
+    """Raise ImageError if a file is no container of a video. A playlist may go on without end, and name any file."""
+    try:
+        with open_file(path) as file:  # a pipe would be waited for
+            begin = file.read(_BEGIN_BYTES)
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    if not any(begin[at : at + len(mark)] == mark for at, mark in _VIDEO_MARKS):
+        remedy = "convert it to mp4, avi or mkv"
+        raise ImageError("cannot be opened as a video: no known format", where=str(path), remedy=remedy)
 
 
 def video_stamps(capture: cv2.VideoCapture) -> Iterator[int]:

@@ -12,7 +12,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from socialbot.bags.image_files import SUFFIXES, read_image, too_many_pixels
+from socialbot.bags.image_files import SUFFIXES, check_video, read_image, too_many_pixels
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError
@@ -63,6 +63,10 @@ def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
     if path.is_dir():
         return _FolderFrames(path)
     if path.is_file():
+        try:
+            check_video(source)
+        except ImageError as error:
+            raise DeviceError(error.what, where=source, remedy=error.remedy) from error
         return _VideoFrames(source)
     raise DeviceError("no such camera, video file or folder", where=repr(source), remedy="check the parameter 'source'")
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from socialbot.bags.conversion import import_bag
-from socialbot.bags.image_files import SUFFIXES, open_video, read_image
-from socialbot.core.errors import BagError, ImageError
+from socialbot.bags.image_files import SUFFIXES, open_video, read_image, video_stamps
+from socialbot.core.errors import BagError, DeviceError, ImageError
 from socialbot.core.limits import JPEG_SCANS
 from socialbot.core.messages import CompressedImage
 from socialbot.vision.camera_node import open_frames
@@ -107,6 +107,46 @@ def test_a_video_of_huge_frames_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.avi").write_text("no video")
     with pytest.raises(ImageError, match="cannot be opened"):
         open_video(tmp_path / "text.avi")
+
+
+def film(path: Path, code: str = "MJPG") -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 10, (64, 48))
+    assert writer.isOpened()
+    for level in range(5):
+        writer.write(np.full((48, 64, 3), 50 * level, np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [("a.avi", "MJPG"), ("a.mp4", "mp4v"), ("a.mov", "mp4v"), ("a.mkv", "mp4v"), ("a.webm", "VP80"), ("a.ts", "mp4v"),
+     ("a.wmv", "WMV2"), ("a.flv", "FLV1"), ("a.ogv", "VP80"), ("a.m4v", "mp4v")],
+)  # fmt: skip
+def test_videos_of_usual_formats_are_read(tmp_path: Path, name: str, code: str) -> None:
+    capture = open_video(film(tmp_path / name, code))
+    assert sum(1 for _ in video_stamps(capture)) >= 4
+
+
+@pytest.mark.parametrize("name", ["live.m3u8", "film.mp4", "film.ffconcat"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        # Without an end, players read it again and again.
+        "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n",
+        "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n#EXT-X-ENDLIST\n",
+        "ffconcat version 1.0\nfile private.mp4\nfile {own}\n",
+    ],
+)
+def test_a_playlist_is_no_video(tmp_path: Path, name: str, text: str) -> None:
+    """It would show the film of somebody else, and may never end."""
+    other = film(tmp_path / "private.mp4", "mp4v")
+    path = tmp_path / name
+    path.write_text(text.format(film=other, own=name))
+    with pytest.raises(ImageError, match="cannot be opened as a video: no known format"):
+        open_video(path)
+    with pytest.raises(DeviceError, match="cannot be opened as a video: no known format"):
+        open_frames(str(path))
 
 
 def jpeg_of_scans(scans: int) -> bytes:
