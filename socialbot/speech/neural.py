@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError, suggestion
+from socialbot.core.inference import Inference
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.core.limits import MODEL_BYTES, TEXT_BYTES
 from socialbot.core.reading import read_bytes
@@ -86,7 +87,7 @@ class PiperVoice:
         self.language = self._espeak_voice.split("-")[0]
         # The length scale of the network is a factor of all durations.
         self._scales = np.array([0.0, _STANDARD_WPM / rate_wpm, 0.0], np.float32)
-        self._network = _load(self._path)
+        self._network = Inference(_load(self._path), str(self._path))
         self._espeak = Synthesizer(self._espeak_voice)
         self._known = lru_cache(SOUNDS_KEPT)(self._make)
 
@@ -117,7 +118,7 @@ class PiperVoice:
         inputs = {"input": numbers, "input_lengths": np.array([numbers.size], np.int64), "scales": self._scales}
         if self._speakers > 1:
             inputs["sid"] = np.zeros(1, np.int64)
-        waves, *durations = self._network.run(None, inputs)
+        waves, *durations = self._network.run(inputs)
         samples = np.clip(np.asarray(waves).reshape(-1) * 32767, -32768, 32767).astype(np.int16)
         marks: list[Mark] = []
         if durations:

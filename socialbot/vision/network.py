@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.inference import Inference
 from socialbot.core.installation import pip_command, restore_command
 from socialbot.core.limits import MODEL_BYTES
 from socialbot.core.reading import check_size, read_bytes
@@ -49,13 +50,14 @@ class OnnxModel:
             ParameterError: The file is missing or not ONNX, or the model does not take one image.
         """
         self.where = where or (str(model) if isinstance(model, Path) else "network")
-        self._session = _session(model, threads, self.where)
+        session = _session(model, threads, self.where)
+        self._inference = Inference(session, self.where)
         inputs, self.outputs = (
             tuple(
                 TensorInfo(each.name, tuple(max(n, 0) if isinstance(n, int) else 0 for n in each.shape), each.type)
                 for each in tensors
             )
-            for tensors in (self._session.get_inputs(), self._session.get_outputs())
+            for tensors in (session.get_inputs(), session.get_outputs())
         )
         takes = f"the model takes {'; '.join(map(str, inputs)) or 'nothing'}, expected"
         if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].dtype not in _DTYPES:
@@ -84,12 +86,14 @@ class OnnxModel:
         """Run the model on an image of shape (3, height, width); returns one array per output.
 
         Raises:
-            ParameterError: The model rejects the shape.
+            ParameterError: The model rejects the shape, or takes too long.
         """
         image = image.transpose(1, 2, 0) if self.channels_last else image
         data = np.ascontiguousarray(image[None], dtype=_DTYPES[self.input.dtype])
         try:
-            return [np.asarray(answer) for answer in self._session.run(None, {self.input.name: data})]
+            return [np.asarray(answer) for answer in self._inference.run({self.input.name: data})]
+        except ParameterError:
+            raise
         except Exception as error:  # onnxruntime's errors have no class of their own.
             raise ParameterError(
                 f"an image of shape {data.shape} does not fit the model, which takes {self.input}: {_first(error)}",

@@ -43,6 +43,19 @@ def echo_network(*, shape: Sequence[int | str] = PICTURE, dtype: str = "float32"
     return model([node], [tensor("picture", shape, dtype)], [tensor("echo", shape, dtype)])
 
 
+def endless_network() -> bytes:
+    """A network that runs a loop without end."""
+    body = helper.make_graph(
+        [helper.make_node("Identity", [name], [f"{name}_next"]) for name in ("go_on", "value")],
+        "body",
+        [tensor("turn", (), "int64"), tensor("go_on", (), "bool"), tensor("value", (1,))],
+        [tensor("go_on_next", (), "bool"), tensor("value_next", (1,))],
+    )
+    node = helper.make_node("Loop", ["", "yes", "begin"], ["end"], body=body)
+    constants = {"yes": np.array(True), "begin": np.zeros(1, np.float32)}
+    return model([node], [tensor("picture", PICTURE)], [tensor("end", (1,))], constants)
+
+
 def model_with_external_data(location: str) -> bytes:
     """A network whose constant is in another file."""
     node = helper.make_node("Add", ["picture", "known"], ["sum"])

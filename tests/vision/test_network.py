@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from socialbot.core import inference
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.vision.detectors import FILE, SHA256
 from socialbot.vision.network import OnnxModel, included_model
-from tests.vision.networks import echo_network, model_with_external_data, strict_network
+from tests.vision.networks import echo_network, endless_network, model_with_external_data, strict_network
 
 
 def picture(width: int = 4, height: int = 3) -> np.ndarray:
@@ -64,6 +65,16 @@ def test_model_reads_no_file_outside_of_its_folder(tmp_path, place):
 def test_model_with_operators_of_others_is_refused():
     with pytest.raises(ParameterError, match="not a network that onnxruntime"):
         OnnxModel(echo_network(domain="com.example"))
+
+
+def test_a_network_that_loops_without_end_is_stopped_and_not_run_again(monkeypatch):
+    monkeypatch.setattr(inference.Inference.__init__, "__defaults__", (0.5,))
+    network = OnnxModel(endless_network(), where="loop.onnx")
+    for longest_s in (20.0, 0.1):
+        begun = time.monotonic()
+        with pytest.raises(ParameterError, match=r"loop\.onnx: the network takes more than 0\.5 s"):
+            network.run(picture())
+        assert time.monotonic() - begun < longest_s
 
 
 def test_channels_may_come_last_and_numbers_may_be_small():
