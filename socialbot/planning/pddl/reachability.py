@@ -30,7 +30,7 @@ from socialbot.planning.pddl.formulas import (
     UniversalEffect,
     conjuncts,
 )
-from socialbot.planning.pddl.semantics import Binding, changes, fluents, ground, holds, substitute
+from socialbot.planning.pddl.semantics import Binding, bindings, changes, fluents, ground, holds, substitute
 from socialbot.planning.pddl.state import PddlState
 
 MAX_BINDINGS = 300_000
@@ -233,11 +233,8 @@ class _Relaxation:
                 case ConditionalEffect(_, inside):
                     yield from self._added(inside, binding)
                 case UniversalEffect(variables, inside):
-                    bindings: list[Binding] = [binding]
-                    for typed in variables:
-                        names = self.state.objects(typed.types)
-                        bindings = [{**one, typed.name: name} for one in bindings for name in names]
-                    for one in bindings:
+                    for one in bindings(variables, self.state, binding):
+                        self._count()
                         yield from self._added(inside, one)
                 case _:
                     pass

@@ -48,8 +48,8 @@ from socialbot.planning.pddl.formulas import (
     TypedName,
     number_text,
 )
-from socialbot.planning.pddl.semantics import substitute
-from socialbot.planning.pddl.state import Derivation
+from socialbot.planning.pddl.semantics import instance_count, substitute
+from socialbot.planning.pddl.state import Derivation, PddlState
 
 REQUIREMENTS = frozenset({
     ":strips", ":typing", ":negative-preconditions", ":disjunctive-preconditions", ":equality",
@@ -75,6 +75,8 @@ _UNSUPPORTED = {
     ":timeless": ("facts of PDDL 1.2 in domains (:timeless)", _IN_PROBLEM),
 }
 
+MAX_INSTANCES, MAX_CHANGES = 10_000_000, 1_000_000
+"""Largest number of ground parts of a condition, and of an effect: some seconds, and some hundred MB."""
 
 _TOTAL_COST = Fluent("total-cost")
 
@@ -280,7 +282,7 @@ class _ProblemReader(_FileReader):
         goal, metric = parts.get(":goal"), parts.get(":metric")
         if goal is not None and len(goal.rest) != 1:
             raise names.error(f":goal takes one condition, not {len(goal.rest)}", goal, "join them: (and ...)")
-        return PddlProblem(
+        problem = PddlProblem(
             name,
             domain.name,
             objects,
@@ -292,6 +294,27 @@ class _ProblemReader(_FileReader):
             text=text,
             where=where,
         )
+        self._check_size(problem)
+        return problem
+
+    def _check_size(self, problem: PddlProblem) -> None:
+        """Refuse quantifiers over so many combinations of objects that a look at all of them does not end."""
+        domain = self._names.domain
+        world = PddlState.of(problem, domain)
+        parts: list[tuple[str, object, int]] = [("the goal", (problem.goal,), MAX_INSTANCES)]
+        for action in domain.actions.values():
+            parts.append((f"the condition of the action {action.name}", action.conditions, MAX_INSTANCES))
+            parts.append((f"the effect of the action {action.name}", action.effects, MAX_CHANGES))
+        for name, (parameters, formula) in domain.derived.items():
+            rule = (Quantified("exists", parameters, formula),)
+            parts.append((f"the condition of the derived predicate {name}", rule, MAX_INSTANCES))
+        for what, part, most in parts:
+            if (count := instance_count(part, world)) > most:
+                raise self._names.error(
+                    f"{what} has {count:.1e} combinations of objects, more than {most:.0e}",
+                    self._whole,
+                    "quantify over fewer variables, or over types with fewer objects",
+                )
 
     def _check_domain(self, section: SexpGroup | None) -> None:
         names = self._names

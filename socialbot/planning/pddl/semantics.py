@@ -116,6 +116,19 @@ def bindings(variables: tuple[TypedName, ...], world: PddlWorld, binding: Bindin
         yield {**binding, **dict(zip(names, objects, strict=True))}
 
 
+def instance_count(part: object, world: PddlWorld) -> int:
+    """Number of ground parts of a formula or effect, or of a tuple or dataclass of them: those that a look may take."""
+    match part:
+        case Quantified(_, variables, inside) | UniversalEffect(variables, inside):
+            choices = (len(tuple(world.objects(typed.types))) for typed in variables)
+            return math.prod(choices) * instance_count(inside, world)
+        case tuple():
+            return sum(instance_count(one, world) for one in part)
+        case _ if is_dataclass(part):
+            return max(1, sum(instance_count(getattr(part, name), world) for name in part.__dataclass_fields__))
+    return 0
+
+
 def compare(comparator: str, left: float, right: float) -> bool:
     """Compare two numbers within `TOLERANCE`."""
     if abs(left - right) <= TOLERANCE * max(1.0, abs(left), abs(right)):
