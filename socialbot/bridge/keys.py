@@ -160,10 +160,17 @@ def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
 
 
 def load_successors(folder: Path) -> dict[str, Ed25519PublicKey]:
-    """Load the next public keys in ``folder`` by name. Raises SecurityError for an invalid one."""
+    """Load the next public keys in ``folder`` by name. Raises SecurityError for an invalid one.
+
+    Without the file of the present key, the machine was removed, and its next key is not trusted either.
+    """
     _check_folder(folder)
-    paths = {path.stem.removesuffix(NEXT): path for path in sorted(folder.glob(f"*{NEXT}{PUBLIC}"))}
-    return {name: _load_public_key(path, name) for name, path in paths.items()}
+    return {name: _load_public_key(path, name) for name, path in _successor_files(folder).items()}
+
+
+def _successor_files(folder: Path) -> dict[str, Path]:
+    found = {path.stem.removesuffix(NEXT): path for path in sorted(folder.glob(f"*{NEXT}{PUBLIC}"))}
+    return {name: path for name, path in found.items() if os.path.lexists(folder / f"{name}{PUBLIC}")}
 
 
 def _check_folder(folder: Path) -> None:
@@ -313,8 +320,9 @@ def _usable_keys(folder: Path) -> tuple[dict[str, Ed25519PublicKey], dict[str, E
     successors: dict[str, Ed25519PublicKey] = {}
     with contextlib.suppress(SecurityError):
         _check_folder(folder)
-        for path in sorted(folder.glob(f"*{PUBLIC}")):
-            name = path.stem.removesuffix(NEXT)
-            with contextlib.suppress(SecurityError):
-                (trusted if name == path.stem else successors)[name] = _load_public_key(path, name)
+        present = {path.stem: path for path in sorted(folder.glob(f"*{PUBLIC}")) if not path.stem.endswith(NEXT)}
+        for found, paths in ((trusted, present), (successors, _successor_files(folder))):
+            for name, path in paths.items():
+                with contextlib.suppress(SecurityError):
+                    found[name] = _load_public_key(path, name)
     return trusted, successors

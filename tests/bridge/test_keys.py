@@ -11,7 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.keys import RELOAD_PERIOD_S, KeyRing, SecurityError, begin_rotation, finish_rotation, new_key
+from socialbot.bridge.keys import (
+    RELOAD_PERIOD_S,
+    KeyRing,
+    SecurityError,
+    begin_rotation,
+    finish_rotation,
+    load_keys,
+    new_key,
+)
 from socialbot.bridge.security import Seal, SealError
 from socialbot.bridge.topics import observer_node
 from socialbot.bridge.transport import open_transport
@@ -173,6 +181,22 @@ def test_the_old_key_is_worthless_after_a_rotation(machines: tuple[Machine, Mach
     thief.folder, thief.name, thief.now = tmp_path / "stolen", "robot", 0.0
     thief.start()
     assert reason(thief, desk) == "forged"
+
+
+def test_a_machine_whose_key_is_removed_during_a_rotation_is_refused_with_its_next_key(
+    machines: tuple[Machine, Machine],
+) -> None:
+    robot, desk = machines
+    begin_rotation("robot", robot.folder)
+    robot.copy_to(desk, "robot.next.pub")
+    finish_rotation("robot", robot.folder, lambda _: None)
+    desk.wait()
+    robot.wait()
+    assert reason(robot, desk) == ""
+    (desk.folder / "robot.pub").unlink()
+    desk.wait()
+    assert reason(robot, desk) == "unknown sender"
+    assert load_keys(desk.folder, "desk").of("robot") == []
 
 
 def test_mistakes_in_a_rotation(tmp_path: Path) -> None:
