@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
 from socialbot.bdi.aggregates import needed_names
-from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, Structure, Symbolic
+from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, Structure, Symbolic, literal
 from socialbot.bdi.steps import (
     Achieve,
     Action,
@@ -162,6 +162,12 @@ class Plan:
 
         mine, theirs = (each.known.plan if each.known else each for each in (self, other))
         return agentspeak(mine.without_truth()) == agentspeak(theirs.without_truth())
+
+    def as_structure(self) -> Literal:
+        """Return the plan as ``plan(Label, Event, Condition, Body)``."""
+        from socialbot.bdi.compiler._dynamic import plan_parts
+
+        return literal("plan", plan_parts(self))
 
     def without_truth(self) -> Plan:
         """Return the plan without the condition ``true``, which says nothing."""

@@ -18,12 +18,14 @@ from socialbot.bdi.literals import (
     Structure,
     Symbolic,
     TimedLiteral,
+    literal,
 )
 from socialbot.bdi.terms import (
     Comparison,
     Condition,
+    Conjunction,
     LiteralVariable,
-    Pattern,
+    Quoted,
     Variable,
     conjunction,
     show,
@@ -288,7 +290,7 @@ class Await(Step):
 
 
 @dataclass(eq=False, repr=False)
-class PlanBody(Pattern):
+class PlanBody(Quoted):
     """Steps as a term, ``{ a; b }`` in AgentSpeak; the ``bare`` ones that a plan pattern took are spelled ``a; b``."""
 
     steps: tuple[Step, ...] = ()
@@ -296,6 +298,27 @@ class PlanBody(Pattern):
 
     def __str__(self) -> str:
         return f"PlanBody({_list(self.steps)})"
+
+    def as_structure(self) -> Literal | None:
+        """Return the first step as a structure, such as ``achieve(g)`` for ``!g``; None for control structures."""
+        match self.steps[:1]:
+            case (Do(action),):
+                return literal("internalAction" if getattr(action, "functor", "")[:1] == "." else "action", (action,))
+            case (Achieve(goal, apart),):
+                return literal("achieveNF" if apart else "achieve", (goal,))
+            case (Ask(query),):
+                return literal("test", (query,))
+            case (Constrain(condition),):
+                if isinstance(condition, Conjunction) and len(condition.terms) == 1:
+                    condition = condition.terms[0]
+                return literal("constraint", (condition,))
+            case (Update(sign, what),) if sign in _UPDATES:
+                return literal(_UPDATES[sign], (what,))
+        return None
+
+
+_UPDATES = {"+": "addBel", "-": "delBel", "-+": "delAddBel", "++": "addBelNewFocus", "--": "delBelNewFocus"}
+"""Names of the structures of belief changes."""
 
 
 class Nested(Step):

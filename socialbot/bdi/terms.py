@@ -85,6 +85,16 @@ class Pattern:
         return str(self) == str(other)
 
 
+class Quoted(Pattern):
+    """Condition or steps, which are equal, also as parts of other terms, if they are written alike."""
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (self.__class__ is other.__class__ and self.same_text(other))  # type: ignore[arg-type]
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+
 def _arithmetic(symbol: str) -> tuple[Callable[[Term, object], Expression], Callable[[Term, object], Expression]]:
     """Operator methods of a term, as left and as right operand."""
     return (lambda term, other: Expression(symbol, term, other)), (lambda term, other: Expression(symbol, other, term))
@@ -305,7 +315,7 @@ class Condition(Pattern):
 
 
 @dataclass(eq=False, repr=False)
-class Comparison(Condition):
+class Comparison(Quoted, Condition):
     """Comparison of two terms; ``symbol`` is ``> >= < <= == !=``, ``=`` (unifies) or ``=..`` (decomposes a literal)."""
 
     symbol: str
@@ -401,7 +411,7 @@ def _part(term: object) -> str:
 
 
 @dataclass(eq=False, repr=False)
-class Negation(Condition):
+class Negation(Quoted, Condition):
     """Negation as failure: it holds if the inner condition has no solution."""
 
     condition: Condition
@@ -456,7 +466,7 @@ class Truth(Condition):
 
 
 @dataclass(eq=False, repr=False)
-class Conjunction(Condition):
+class Conjunction(Quoted, Condition):
     """Conditions that must all hold, tried from left to right."""
 
     terms: tuple[Condition, ...]
@@ -477,7 +487,7 @@ def written_condition(condition: object) -> str:
 
 
 @dataclass(eq=False, repr=False)
-class Disjunction(Condition):
+class Disjunction(Quoted, Condition):
     """Conditions of which one must hold, tried from left to right."""
 
     terms: tuple[Condition, ...]

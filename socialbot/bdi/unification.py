@@ -78,7 +78,7 @@ def closed(term: Any) -> bool:
         return False
     if isinstance(term, Literal):
         return closed(term.args) and closed(term.annotations)
-    return True
+    return "match" not in getattr(term, "__dict__", ())  # not a plan, steps or a condition with cells
 
 
 def has_unbound(term: Any) -> bool:
@@ -141,6 +141,10 @@ def unify(left: Any, right: Any, trail: Trail) -> bool:
         match = getattr(one, "match", None)
         if match is not None:  # a plan or body with variables for parts
             return bool(match(one, two, trail))
+    for one, two in ((left, right), (right, left)):
+        structure = getattr(two, "as_structure", None)  # of a plan, or of steps
+        if structure is not None and isinstance(one, Literal):
+            return unify(one, structure(), trail)
     if isinstance(left, Event) and isinstance(right, Event):
         return left.change is right.change and unify(left.literal, right.literal, trail)
     return left == right or _same_text(left, right)

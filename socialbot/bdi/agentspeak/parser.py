@@ -293,11 +293,20 @@ class Parser(TermReader):
             self.fail("a step", remedy=f"put '{word}' into braces: {{ {word} (...) {{ ... }} }}")
 
     def group(self) -> tuple[Step, ...]:
-        """Read a body in braces or parentheses, or a condition in parentheses."""
+        """Read a body in braces or parentheses, a condition in parentheses, or a comparison of a term in braces."""
         word = self.words[self.at]
-        if word == "(" and not self.is_group():
+        if not (self.is_group() if word == "(" else self.is_block()):
             return self.act()
         return self.block("}" if word == "{" else ")")
+
+    def is_block(self) -> bool:
+        """Check whether the next braces enclose steps rather than a term that is compared, as in ``{ S; _ } = B``."""
+        depth = 0
+        for at in range(self.at, len(self.words) - 1):
+            depth += _NESTED.get(self.words[at], 0)
+            if depth == 0:
+                return BINARY.get(self.words[at + 1], (None,))[0] != Level.COMPARE
+        return True
 
     def is_group(self) -> bool:
         """Check whether the next parentheses enclose steps rather than all or part of a condition."""

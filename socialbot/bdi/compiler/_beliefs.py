@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from socialbot.bdi._relations import form_of
+from socialbot.bdi.compiler._dynamic import is_embedded, variables_of
 from socialbot.bdi.compiler._source import CELL, Function, tuple_of
 from socialbot.bdi.compiler._terms import has_cell, match, match_literal, settled, value
 from socialbot.bdi.literals import Literal, Symbolic
@@ -128,7 +129,7 @@ def needs_unification(pattern: Literal) -> bool:
 def _is_special(term: object) -> bool:
     if isinstance(term, Literal):
         return bool(term.annotations) or any(map(_is_special, term.args))
-    return isinstance(term, LiteralVariable)
+    return isinstance(term, LiteralVariable) or (is_embedded(term) and bool(variables_of(term)))
 
 
 def _parts_of(term: object) -> tuple[object, ...]:

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, stored
 from socialbot.bdi.compiler._dynamic import COLLECTORS, embeds
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
-from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
+from socialbot.bdi.compiler._terms import build, build_pattern, has_cell, has_value, match, settled, value
 from socialbot.bdi.literals import Event, Literal, ground, literal
 from socialbot.bdi.stdlib import called
 from socialbot.bdi.steps import Step
@@ -123,7 +123,7 @@ def holds(f: Function, condition: Holds, rest: Rest) -> None:
 def solve(f: Function, pattern: Literal, rest: Rest) -> None:
     """Emit the loop over solutions of derived beliefs, or of arguments with unbound variables."""
     fresh = names_in(pattern) - f.scope.keys() - {"_"}
-    args, notes = build(f, pattern.args), build(f, pattern.annotations)
+    args, notes = build_pattern(f, pattern.args), build_pattern(f, pattern.annotations)
     cells = f.save(fresh)
     with loop(f, f"ag.solve({pattern.key!r}, {args}, {notes}, trail)"):
         f.resolve(fresh, CELL if f.unit.library.is_open(pattern.key) else VALUE, cells)
@@ -269,11 +269,13 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
         elif settled(f, right):
             match(f, left, value(f, right), fail)
         else:
-            f.line(f"if not unify({build(f, left)}, {build(f, right)}, trail): {fail}")
+            assigns = any(isinstance(each, Variable) and each.name not in f.scope for each in (left, right))
+            made = [(build if assigns else build_pattern)(f, each) for each in (left, right)]
+            f.line(f"if not unify({made[0]}, {made[1]}, trail): {fail}")
         rest()
         return
     if condition.symbol == "=..":
-        test = f"univ({build(f, left)}, {build(f, right)}, trail)"
+        test = f"univ({build(f, left)}, {build_pattern(f, right)}, trail)"
     elif f.unit.lenient and condition.symbol in ORDERS:
         order_test(f, condition, fail)
         rest()
@@ -293,7 +295,7 @@ def may_be_plans(f: Function, left: object, right: object) -> bool:
 
 def agree_as_plans(f: Function, left: object, right: object, fail: str, step: Step | None = None) -> None:
     """Emit the unification of two known values that may be plans."""
-    one, two = build(f, left), build(f, right)
+    one, two = build_pattern(f, left), build_pattern(f, right)
     differ = f"{one} != {two} and " if isinstance(left, Variable) and isinstance(right, Variable) else ""
     f.line(f"if {differ}not unify({one}, {two}, trail): {fail}", step)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._open_beliefs import any_belief
@@ -92,7 +92,7 @@ def _rewritten(item: Any, change: Callable[[Any], Any]) -> Any:
     if isinstance(item, LiteralVariable):
         variable, notes = _rewritten(item.variable, change), _rewritten(item.annotations, change)
         made = literal_with(variable, notes, item.negated, _rewritten(item.namespace, change))
-        return made if isinstance(made, Literal) else item
+        return item if isinstance(made, Inference) else made
     if isinstance(item, Cons):
         items, tail = _rewritten(item.items, change), _rewritten(item.tail, change)
         return (*items, *tail) if isinstance(tail, tuple) else Cons(items, tail)
@@ -134,42 +134,84 @@ def is_template(term: object) -> bool:
 
 
 def _is_open(part: object) -> bool:
-    return part.__class__ is Variable
+    return part.__class__ is Variable or part.__class__ is Var
 
 
 def template(item: Any, values: Mapping[str, Any]) -> Any:
-    """Copy a plan or body with values, and with cells for the variables that have none, for `unify`."""
-    twin = substituted(item, values)
+    """Copy a plan, steps or a condition with values, and with cells for the variables that have none, for `unify`."""
+
+    def value_of(leaf: Any) -> Any:
+        return leaf if leaf.__class__ is Var else resolve(values.get(leaf.name, leaf))
+
+    twin = _rewritten(item, value_of)
     if twin is item:
         twin = copy.copy(item)
-    cells = {name: value for name, value in values.items() if resolve(value).__class__ is Var}
-    twin.__dict__["match"] = partial(_matches, cells)
+    twin.__dict__["match"] = lambda pattern, other, trail: _Match(trail).terms(pattern, other)
     return twin
 
 
-def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -> bool:
-    """Unify a plan or body that has cells with another one."""
-    if isinstance(pattern, Variable):
-        return pattern.name == "_" or unify(cells.get(pattern.name, pattern), other, trail)
-    if isinstance(pattern, LiteralVariable):
-        notes = tuple(substitute_cells(cells, note) for note in pattern.annotations)
-        inner = cells.get(getattr(pattern.variable, "name", ""), pattern.variable)
-        made = LiteralVariable(Var() if str(inner) == "_" else inner, notes, pattern.negated, pattern.namespace)
-        return unify(made, other, trail)
-    if isinstance(pattern, Plan):
-        if not isinstance(other, Plan) or pattern.event.change is not other.event.change:
-            return False
-        label, condition = _label_of(other), _condition_of(other)
+class _Match:
+    """Unification of plans, steps and conditions that have cells with others, whose variables become cells."""
+
+    def __init__(self, trail: Trail) -> None:
+        self.trail = trail
+        self.own: dict[str, Any] = {}
+
+    def terms(self, pattern: Any, other: Any) -> bool:
+        pattern = resolve(_named(pattern))
+        if pattern.__class__ is Var or isinstance(pattern, LiteralVariable):
+            return unify(pattern, other, self.trail)
+        if isinstance(pattern, Plan):
+            return isinstance(other, Plan) and self._plans(pattern, other)
+        if isinstance(pattern, PlanBody):
+            return isinstance(other, PlanBody) and self._steps(pattern.steps, other.steps, bare=False)
+        if isinstance(pattern, Holds):
+            return self.terms(pattern.what, other)
+        if isinstance(pattern, Conjunction) and len(pattern.terms) == 1:
+            first = pattern.terms[0]
+            single = isinstance(other, Conjunction) and len(other.terms) == 1 and not isinstance(first, Holds)
+            return self.terms(first, other.terms[0] if single else other)
+        if isinstance(pattern, Conjunction) and isinstance(other, Conjunction):
+            return self._conjunctions(pattern.terms, other.terms)
+        if isinstance(pattern, tuple) and isinstance(other, tuple):
+            return len(pattern) == len(other) and all(map(self.terms, pattern, other))
+        if isinstance(pattern, (Step, Condition)) and not isinstance(pattern, Literal):
+            return pattern.__class__ is other.__class__ and all(
+                self.terms(part, vars(other)[name]) for name, part in vars(pattern).items() if name not in _UNWRITTEN
+            )
+        return unify(pattern, shared(other, self.own), self.trail)
+
+    def _plans(self, pattern: Plan, other: Plan) -> bool:
         return (
-            (not isinstance(pattern.label, Variable) or _matches(cells, pattern.label, label, trail))
+            pattern.event.change is other.event.change
+            and (isinstance(pattern.label, (str, NoneType)) or self.terms(pattern.label, _label_of(other)))
             and (not isinstance(pattern.label, str) or pattern.label == other.label)
-            and _matches(cells, pattern.event.literal, other.event.literal, trail)
-            and (not pattern.condition.terms or _matches_condition(cells, pattern.condition, condition, trail))
-            and _matches_steps(cells, pattern.body, other.body, trail, bare=True)
+            and self.terms(pattern.event.literal, other.event.literal)
+            and (not pattern.condition.terms or self.terms(pattern.condition, _condition_of(other)))
+            and self._steps(pattern.body, other.body, bare=True)
         )
-    if isinstance(pattern, PlanBody):
-        return isinstance(other, PlanBody) and _matches_steps(cells, pattern.steps, other.steps, trail, bare=False)
-    return unify(substitute_cells(cells, pattern), other, trail)
+
+    def _conjunctions(self, pattern: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+        """Unify conditions in order; a variable as the last one is all remaining conditions."""
+        if len(other) > len(pattern) and isinstance(pattern[-1], Holds) and _is_open(pattern[-1].what):
+            other = (*other[: len(pattern) - 1], Conjunction(other[len(pattern) - 1 :]))
+        return len(pattern) == len(other) and all(map(self.terms, pattern, other))
+
+    def _steps(self, pattern: tuple[Any, ...], other: tuple[Any, ...], *, bare: bool) -> bool:
+        """Unify steps in order; a variable as the last one is all remaining steps."""
+        for i, step in enumerate(pattern):
+            if isinstance(step, Do) and _is_open(step.action):
+                if i == len(pattern) - 1:
+                    return self.terms(step.action, PlanBody(other[i:], bare))
+                if i >= len(other) or not self.terms(step.action, PlanBody(other[i : i + 1], bare=True)):
+                    return False
+            elif i >= len(other) or not self.terms(step, other[i]):
+                return False
+        return len(pattern) == len(other)
+
+
+_UNWRITTEN = frozenset({"line", "compiled", "match"})
+"""Attributes of steps and conditions that are no parts of their text."""
 
 
 def plan_parts(plan: Plan) -> tuple[Any, ...]:
@@ -177,6 +219,19 @@ def plan_parts(plan: Plan) -> tuple[Any, ...]:
     cells: dict[str, Any] = {}
     parts = plan.event, _condition_of(plan), PlanBody(plan.body, bare=True)
     return _label_of(plan), *(shared(part, cells) for part in parts)
+
+
+def plan_of(label: Any, event: Event, condition: Any, body: Any) -> Plan:
+    """Make a plan of its parts; the condition may be in braces. Raises Failed for parts of other kinds."""
+    tested = condition.as_structure() if isinstance(condition, PlanBody) else None
+    condition = condition if tested is None else tested.args[0]
+    always = condition.__class__ is Atom and condition.name == "true"
+    if not isinstance(body, PlanBody) or not (always or isinstance(condition, (Atom, Condition))):
+        raise Failed("wrong_arguments", "a plan has a label, an event, a condition and steps: [l, {+!g}, true, { a }]")
+    name = literal_of("a label", label)
+    tests = condition if isinstance(condition, Condition) else literal_of("a condition", condition)
+    known = NOTHING if always else conjunction(tests)
+    return _parameterised(Plan(event, known, body.steps, name.functor, annotations=name.annotations))[0]
 
 
 def _label_of(plan: Plan) -> Any:
@@ -187,38 +242,20 @@ def _condition_of(plan: Plan) -> Any:
     return plan.condition if plan.condition.terms else Atom("true")
 
 
-def _matches_condition(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -> bool:
-    if len(pattern.terms) == 1 and isinstance(pattern.terms[0], Holds):
-        return _matches(cells, pattern.terms[0].what, other, trail)
-    return str(pattern) == str(other)
-
-
-def _matches_steps(
-    cells: Mapping[str, Any], pattern: tuple[Any, ...], other: tuple[Any, ...], trail: Trail, *, bare: bool
-) -> bool:
-    """Unify steps in order; a variable as the last one is all remaining steps."""
-    for i, step in enumerate(pattern):
-        if isinstance(step, Do) and isinstance(step.action, Variable):
-            if i == len(pattern) - 1:
-                return _matches(cells, step.action, PlanBody(other[i:], bare), trail)
-            if i >= len(other) or not _matches(cells, step.action, PlanBody(other[i : i + 1], bare=True), trail):
-                return False
-        elif i >= len(other) or str(step) != str(other[i]):
-            return False
-    return len(pattern) == len(other)
-
-
-def substitute_cells(cells: Mapping[str, Any], term: Any) -> Any:
-    """Replace the variables of a term by their cells."""
+def _named(term: Any) -> Any:
+    """Copy a term with a cell for each ``_``."""
     if isinstance(term, Variable):
-        return Var() if term.name == "_" else cells.get(term.name, term)
+        return Var() if term.name == "_" else term
     if isinstance(term, tuple):
-        return tuple(substitute_cells(cells, item) for item in term)
+        return tuple(map(_named, term))
     if isinstance(term, Rest):
-        return Rest(substitute_cells(cells, term.tail))
+        return Rest(_named(term.tail))
+    if isinstance(term, Cons):
+        return Cons(_named(term.items), _named(term.tail))
+    if isinstance(term, LiteralVariable):
+        return LiteralVariable(_named(term.variable), _named(term.annotations), term.negated, term.namespace)
     if isinstance(term, Literal):
-        args, notes = substitute_cells(cells, term.args), substitute_cells(cells, term.annotations)
-        return term.with_(args=args, annotations=notes)
+        return term.with_(args=_named(term.args), annotations=_named(term.annotations))
     return term
 
 
@@ -293,13 +330,18 @@ def _in_any_namespace(ag: Interpreter, pattern: LiteralVariable, trail: Trail) -
         undo(trail, mark)
 
 
+def steps_of(event: Event) -> PlanBody:
+    """Return the change of a belief, which is read as an event in braces, as a step."""
+    return PlanBody((Update("+" if event.change is Change.ADDED else "-", event.literal),))
+
+
 def run_value(ag: Interpreter, value: Any, cause: Any) -> Any:
     """Return the request for the steps, or the action, that is the value of a variable."""
     value = resolve(value)
     if value.__class__ is Var or isinstance(value, LiteralVariable):
         raise Failed("no_value", f"the action {value!s} has no value")
     if isinstance(value, Event) and value.change in (Change.ADDED, Change.REMOVED):
-        value = PlanBody((Update("+" if value.change is Change.ADDED else "-", value.literal),))
+        value = steps_of(value)
     if not isinstance(value, PlanBody):
         other = isinstance(value, Condition) and not isinstance(value, Literal)
         action: Any = value if other else literal_of("an action", value)

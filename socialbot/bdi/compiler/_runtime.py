@@ -21,10 +21,12 @@ from socialbot.bdi.compiler._dynamic import (
     change_rule,
     literal_with,
     pause_until,
+    plan_of,
     plan_parts,
     run_value,
     solutions_of,
     spread,
+    steps_of,
     substituted,
     template,
 )
@@ -43,11 +45,11 @@ from socialbot.bdi.intentions import (
     mode_of,
     timed,
 )
-from socialbot.bdi.literals import SELF, Event, KnownSource, Literal, distinct, is_source, literal, source_notes
+from socialbot.bdi.literals import SELF, Change, Event, KnownSource, Literal, distinct, is_source, literal, source_notes
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
-from socialbot.bdi.steps import Action
+from socialbot.bdi.steps import Action, PlanBody
 from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, by_order, order, show
 from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, same, undo, unify
 
@@ -244,14 +246,13 @@ def power(left: Any, right: Any) -> Any:
 def univ(term: Any, parts: Any, trail: Trail) -> bool:
     """Unify ``term =.. [namespace, name, [args], [annotations]]``, or a plan with ``[label, event, condition, body]``.
 
-    The namespace, or the label, may be left out.
+    The namespace, or the label, may be left out. Steps are taken apart as their first one: ``achieve``, ``action``.
     """
     term, parts = resolve(term), resolve(parts)
     size = len(parts) if parts.__class__ is tuple else 0
     if isinstance(term, Plan):
         return unify(parts, plan_parts(term)[1 if size == 3 else 0 :], trail)
-    if term.__class__ is Atom:
-        term = literal(term.name)
+    term = _structure(term)
     if isinstance(term, Literal):
         sign, notes = "~" if term.negated else "", tuple(by_order(term.annotations))
         if size == 3:
@@ -260,12 +261,23 @@ def univ(term: Any, parts: Any, trail: Trail) -> bool:
         return unify(parts, (Atom(namespace or "default"), Atom(sign + name), term.args, notes), trail)
     if term.__class__ is not Var:
         return False
+    if size == 4 and isinstance(parts[1], Event):
+        return unify(term, plan_of(*parts), trail)
     if size not in (3, 4) or any(part.__class__ is not Atom for part in parts[:-2]):
         raise Failed("no_value", f"{term} =.. {parts} has unbound variables on both sides")
     name = parts[-3].name
     prefix = f"{parts[0].name}::" if size == 4 and parts[0].name != "default" else ""
     made = literal(prefix + name.removeprefix("~"), *parts[-2:], negated=name.startswith("~"))
     return unify(term, made if made.args or made.annotations or made.negated else Atom(prefix + name), trail)
+
+
+def _structure(term: Any) -> Any:
+    """Return an atom, or steps, as a literal; other terms as they are."""
+    if isinstance(term, Event) and term.change in (Change.ADDED, Change.REMOVED):
+        term = steps_of(term)
+    if isinstance(term, PlanBody):
+        return term.as_structure()
+    return literal(term.name) if isinstance(term, Atom) else term
 
 
 def ordered(left: Any, symbol: str, right: Any) -> bool:

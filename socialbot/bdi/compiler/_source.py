@@ -113,6 +113,7 @@ class Function:
         self.lines: list[tuple[int, str, Step | None]] = []
         self.depth = 0
         self.loops = 0
+        self.matches = False
         self.event: tuple[object, ...] | None = None
 
     def line(self, text: str, step: Step | None = None) -> None:

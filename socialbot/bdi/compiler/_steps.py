@@ -17,8 +17,9 @@ from socialbot.bdi.compiler._conditions import (
     test_of,
     unpack,
 )
+from socialbot.bdi.compiler._dynamic import embeds
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
-from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
+from socialbot.bdi.compiler._terms import build, build_pattern, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
 from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, ground, is_source, literal, source
 from socialbot.bdi.plans import Inference, parts_of
@@ -194,7 +195,7 @@ def constrain(f: Function, step: Constrain) -> None:
             match(f, left, value(f, right), fail, step)
             return
         if settled(f, right) and isinstance(left, Variable):
-            assign_cell(f, left, value(f, right), fail, step)
+            assign_cell(f, left, right, fail, step)
             return
     elif isinstance(condition, Comparison) and condition.symbol != "=..":
         if f.unit.lenient and condition.symbol in ORDERS:
@@ -217,18 +218,19 @@ def know(f: Function, term: object, step: Step) -> None:
             f.scope[name] = VALUE
 
 
-def assign_cell(f: Function, variable: Variable, source: str, fail: str, step: Step) -> None:
+def assign_cell(f: Function, variable: Variable, source: object, fail: str, step: Step) -> None:
     """Emit the unification of a variable with a value, without a call while the variable is unbound."""
     cell, item, mark = f.local(variable.name), f.unit.name("t"), f.unit.name("m")
-    f.line(f"{item} = {source}", step)
+    f.line(f"{item} = {value(f, source)}", step)
+    pattern = build_pattern(f, source) if embeds(source) else item
     with f.block(f"if {cell}.__class__ is Var and {cell}.value is {cell}"):
         f.line(f"{cell}.value = {item}")
     with f.block("else"):
         f.line(f"{mark} = len(trail)")
-        with f.block(f"if not unify({cell}, {item}, trail)", step):
+        with f.block(f"if not unify({cell}, {pattern}, trail)", step):
             f.line(f"undo(trail, {mark})")
             f.line(fail, step)
-    f.line(f"{cell} = {item}")
+    f.line(f"{cell} = {item if pattern == item else f'resolve({cell})'}")
     f.scope[variable.name] = VALUE
 
 

@@ -175,11 +175,19 @@ def build(f: Function, term: object) -> str:
     return value(f, term)
 
 
+def build_pattern(f: Function, term: object) -> str:
+    """Return the expression of a term that is unified: in plans, steps and conditions, too, variables get a local."""
+    before, f.matches = f.matches, True
+    built = build(f, term)
+    f.matches = before
+    return built
+
+
 def embedded(f: Function, term: object) -> str:
     """Return the expression of a plan, body or rule with the values that its variables have here."""
     constant = f.unit.constant(term)
     used = variables_of(term)
-    if is_template(term):
+    if is_template(term) or (f.matches and any(f.scope.get(name) != VALUE for name in used)):
         for name in used:
             build(f, Variable(name))
         cells = ", ".join(f"{name!r}: {f.local(name)}" for name in used)
@@ -199,7 +207,7 @@ def match(f: Function, pattern: object, subject: str, fail: str, step: Step | No
             f.scope[pattern.name] = VALUE
     elif has_cell(f, pattern) or isinstance(pattern, LiteralVariable) or _is_annotated(pattern) or embeds(pattern):
         fresh = names_in(pattern) - f.scope.keys() - {"_"}
-        f.line(f"if not unify({build(f, pattern)}, {subject}, trail): {fail}", step)
+        f.line(f"if not unify({build_pattern(f, pattern)}, {subject}, trail): {fail}", step)
         # Others stay cells, since a surrounding loop may bind them again.
         f.resolve(fresh, VALUE)
     elif has_value(f, pattern):

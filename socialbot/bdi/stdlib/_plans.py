@@ -67,7 +67,11 @@ def assertz(engine: Any, args: Args, trail: Trail) -> None:
 
 
 def _assert(engine: Any, name: str, term: Any, *, last: bool = False) -> None:
-    """Add a belief; ``last`` makes a new one the oldest, in time linear in the size of the relation."""
+    """Add a belief or a rule; ``last`` makes a new belief the oldest, in time linear in the size of the relation."""
+    rule = resolve(term)
+    if isinstance(rule, Inference):
+        engine.add_rules(rule, first=not last)
+        return
     what = literal_of(name, term)
     args = what.args
     if not closed(what):
