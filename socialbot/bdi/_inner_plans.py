@@ -42,6 +42,15 @@ def is_nested(plan: Plan) -> bool:
     return bool(plan.inner) or plan.until is not None
 
 
+SCOPE = "scope__"
+"""Beginning of the names of marks."""
+
+
+def is_mark(note: object) -> bool:
+    """Check whether an annotation is the mark of an inner plan."""
+    return isinstance(note, Literal) and note.functor.startswith(SCOPE)
+
+
 def flattened(plan: Plan, names: Iterator[str]) -> list[Plan]:
     """Return a plan and its inner plans without inner ones.
 
@@ -61,7 +70,7 @@ def flattened(plan: Plan, names: Iterator[str]) -> list[Plan]:
 
 def parts(plan: Plan) -> list[Plan]:
     """Return a plan, and its inner plans without inner ones, for checks."""
-    return flattened(plan, (f"scope__{number}" for number in itertools.count(1))) if is_nested(plan) else [plan]
+    return flattened(plan, (f"{SCOPE}{number}" for number in itertools.count(1))) if is_nested(plan) else [plan]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi._inner_plans import flattened, is_nested
+from socialbot.bdi._inner_plans import SCOPE, flattened, is_nested
 from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.literals import (
     META,
@@ -42,9 +42,6 @@ Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
 
 _GIVEN = "p__"
 """Begin of the names of plans without a label, as in Jason."""
-
-_SCOPE = "scope__"
-"""Begin of the names of annotations that select inner plans."""
 
 BODY = "{body}"
 """Name of the goal whose plan is a value."""
@@ -302,7 +299,7 @@ class Library:
 
     def _add_nested(self, plan: Plan, *, first: bool) -> CompiledPlan:
         """Add a plan with its inner plans, which are tried before all others for their events."""
-        outer, *inner = flattened(plan, (f"{_SCOPE}{next(self._scopes)}" for _ in itertools.count()))
+        outer, *inner = flattened(plan, (f"{SCOPE}{next(self._scopes)}" for _ in itertools.count()))
         compiled = self.add(outer, first=first)
         for each in inner:
             self.add(each, first=True)

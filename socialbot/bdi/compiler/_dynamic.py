@@ -160,7 +160,7 @@ class _Match:
     def terms(self, pattern: Any, other: Any) -> bool:
         pattern = resolve(_named(pattern))
         if pattern.__class__ is Var or isinstance(pattern, LiteralVariable):
-            return unify(pattern, other, self.trail)
+            return unify(pattern, shared(other, self.own), self.trail)
         if isinstance(pattern, Plan):
             return isinstance(other, Plan) and self._plans(pattern, other)
         if isinstance(pattern, PlanBody):

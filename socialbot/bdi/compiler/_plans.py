@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._inner_plans import is_mark
 from socialbot.bdi._rule_checks import report_confused_names
 from socialbot.bdi.compiler._beliefs import loop, match_annotations, needs_unification
 from socialbot.bdi.compiler._bodies import Body, straight
@@ -18,7 +19,7 @@ from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
 from socialbot.bdi.compiler._steps import are_same
 from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.intentions import SUBGOAL
-from socialbot.bdi.literals import META, Change, Literal
+from socialbot.bdi.literals import META, Change, Literal, is_source
 from socialbot.bdi.plans import Inference, Plan, nodes_of, symbol_variables
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import Achieve, Do, Forget, Update
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 ANY_MODE = -1
 """Mode in which every argument may have unbound variables."""
 
+GIVING = {Change.WANTED, Change.ASKED}
 GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
 
 BELIEFS = {Change.ADDED, Change.REMOVED}
@@ -51,7 +53,8 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
         fail = "return undo(trail, 0)" if opened else "return None"
         if plan.stage is not None:
             f.line(f"if ag.stage != {plan.stage!r}: return None")
-        head(f, plan.event.literal, fail, mode, belief=plan.event.change in BELIEFS)
+        change = plan.event.change
+        head(f, plan.event.literal, fail, mode, belief=change in BELIEFS, gives=change in GIVING)
         write(f, plan.condition, fail, lambda: chosen(f, plan, opened=opened))
         f.line(fail)
         run, lines = unit.build()
@@ -81,10 +84,11 @@ def _telling(run: Any, plan: Plan) -> Any:
     return choose
 
 
-def head(f: Function, pattern: Literal, fail: str, mode: int, *, belief: bool = False) -> None:
+def head(f: Function, pattern: Literal, fail: str, mode: int, *, belief: bool = False, gives: bool = False) -> None:
     """Emit the match of an event or a conclusion; the bits of ``mode`` are its possibly unbound arguments.
 
-    The annotations of the event of a ``belief`` have no unbound variables.
+    The annotations of the event of a ``belief`` have no unbound variables. A plan that ``gives`` values binds those in
+    the annotations of its goal.
     """
     for i, arg in enumerate(pattern.args):
         subject = f"args[{i}]"
@@ -103,7 +107,9 @@ def head(f: Function, pattern: Literal, fail: str, mode: int, *, belief: bool = 
         fresh = names_in(pattern.annotations) - f.scope.keys() - {"_"}
         notes = build(f, pattern.annotations)
         f.line(f"if not annotations_match({notes}, notes, trail): {fail}")
-        f.resolve(fresh, VALUE)
+        open_notes = tuple(note for note in pattern.annotations if gives and not (is_source(note) or is_mark(note)))
+        known = fresh - names_in(open_notes)
+        f.resolve(known, VALUE)
 
 
 def chosen(f: Function, plan: Plan, *, opened: bool) -> None:

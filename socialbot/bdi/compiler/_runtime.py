@@ -50,7 +50,7 @@ from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
 from socialbot.bdi.steps import Action, PlanBody
-from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, by_order, order, show
+from socialbot.bdi.terms import Atom, Condition, Cons, LiteralVariable, Name, Rest, by_order, order, show
 from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, same, undo, unify
 
 if TYPE_CHECKING:
@@ -426,6 +426,11 @@ def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: 
 
 def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
     """Evaluate ``?Q``: return None if a belief matches, otherwise the request for a plan."""
+    query = resolve(query)
+    if isinstance(query, Condition) and not isinstance(query, Literal):
+        for _ in solutions_of(ag, query, []):
+            return None
+        raise Failed("test_goal_failed", f"nothing answers {query}")
     query = literal_of("?", query)
     for _ in ag.solve(query.key, query.args, query.annotations, []):
         return None

@@ -179,3 +179,16 @@ def test_agents_with_a_shared_library_keep_their_plans_for_any_goal():
         begin(engine, program)
         engine.run_until_idle()
     assert lines == ["anygo", "anygo"]
+
+
+def test_a_belief_with_a_condition_shares_the_variables_of_its_parts():
+    program = "v(5). b((v(X) & not X > 10))."
+    assert said(program + "!g. +!g <- ?b((B & not C)); ?B; B = v(N); .print(N, C).") == ["5(5 > 10)"]
+    assert said(program + "!g. +!g <- ?b(C); ?C; .print(yes).") == ["yes"]
+    assert said(program + "!g. +!g <- ?b((not C)). -!g[error(E)] <- .print(E).") == ["test_goal_failed"]
+
+
+def test_a_condition_that_does_not_hold_fails_its_test_goal():
+    assert said('!g. +!g <- C = (1 > 2); ?C. -!g[error(E), error_msg(M)] <- .print(E, ": ", M).') == [
+        "test_goal_failed: Failed to test '(1 > 2)'"
+    ]
