@@ -367,6 +367,34 @@ def test_plans_with_durations_of_many_digits_are_accepted(seed):
     assert (found.verdict, found.message) == (PlannerVerdict.SOLVED, "")
 
 
+ONE_LIGHT = """(define (domain workshop)
+  (:requirements :typing :durative-actions :fluents :duration-inequalities :negative-preconditions)
+  (:types job)
+  (:predicates (done ?j - job) (lit))
+  (:functions (hands) (parts) (longest ?j - job))
+  (:durative-action burn
+    :parameters () :duration (= ?duration 7)
+    :condition (at start (not (lit))) :effect (and (at start (lit)) (at end (not (lit)))))
+  (:durative-action work
+    :parameters (?j - job) :duration (and (>= ?duration 2) (<= ?duration (longest ?j)))
+    :condition (and (at start (>= (hands) 1)) (over all (lit)) (over all (>= (parts) 0)))
+    :effect (and (at start (decrease (hands) 1)) (at end (increase (hands) 1)) (at end (done ?j))
+      (at end (decrease (parts) 1)))))"""
+
+
+@pytest.mark.parametrize("hands", [1, 2, 3])
+def test_a_search_that_ends_without_a_plan_or_a_proof_leaves_its_time_to_another_one(hands):
+    workshop = read_domain(ONE_LIGHT)
+    jobs = read_problem(
+        f"""(define (problem evening) (:domain workshop) (:objects a b c - job)
+        (:init (= (hands) {hands}) (= (parts) 5) (= (longest a) 3) (= (longest b) 4) (= (longest c) 5))
+        (:goal (and (done a) (done b) (done c))))""",
+        workshop,
+    )
+    answer = kairos_module.make_planner("kairos").solve(workshop, jobs, PlannerLimits(5.0))
+    assert answer.verdict is PlannerVerdict.SOLVED, answer.message
+
+
 def test_plans_wait_for_timed_initial_literals():
     domain, problem = patrol(random.Random(1), "(at 40 (open)) (at 400 (not (open)))")
     found = Kairos().solve(domain, problem, LONG)

@@ -56,7 +56,8 @@ class Kairos(ChildPlanner):
 
     If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
     Kairos gets three quarters of the rest. The remaining time is for the engine m3, which treats start and end of an
-    action as two steps: it is slow, but finds plans with required concurrency.
+    action as two steps: it is slow, but finds plans with required concurrency. It also gets the time that is left after
+    a search that ended without a plan or a proof.
 
     If its first plan is short enough, a novelty search looks for a shorter one in half of the remaining time.
     """
@@ -81,9 +82,12 @@ class Kairos(ChildPlanner):
     def _thorough(self, search: SearchJob, *options: str) -> PlannerAnswer:
         first = replace(search, left_s=THOROUGH_SHARE * search.left_s)
         answer = self._search(first, *options)
-        if search.good(answer) or answer.seconds < first.left_s:
+        exhausted = answer.verdict is PlannerVerdict.GAVE_UP and answer.seconds < first.left_s
+        if search.good(answer) or (answer.seconds < first.left_s and not exhausted):
             return answer
-        other = self._search(search.after(answer), *options, "--engine", "m3")
+        # Its default search keeps one partial plan per state, and may leave out the only ones that can be completed.
+        other_search = ("--search", "ff") if exhausted else ()
+        other = self._search(search.after(answer), *options, "--engine", "m3", *other_search)
         # m3 does not support all domains, which says nothing about the problem.
         found = answer if other.verdict is PlannerVerdict.REFUSED else other
         return replace(found, seconds=answer.seconds + other.seconds)
