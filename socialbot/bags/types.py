@@ -6,6 +6,7 @@ import functools
 import importlib
 import importlib.util
 import inspect
+import logging
 import re
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -22,7 +23,7 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
     Nodetype,
 )
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore, idl
 from rosbags.typesys.store import Typestore
 
 from socialbot.core.errors import MessageError
@@ -30,7 +31,7 @@ from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
 
 if TYPE_CHECKING:
-    from rosbags.interfaces.typing import Fielddefs, Typesdict
+    from rosbags.interfaces.typing import Fielddefs, FieldDesc, Typesdict
 
 PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
@@ -47,6 +48,13 @@ _SCALARS: Mapping[type[structs.Type], str] = {
 }
 _GENERATED = {JSON: "string", "bool": "boolean", "float64": "double"}
 _LINE = 100
+
+MAX_DEFINITION = 1 << 19
+"""Most characters of a definition in a bag: those of large types have 100,000, with all their parts and comments."""
+MAX_PARTS, MAX_DEPTH = 100_000, 100
+"""Most parts of a type, beside those of sequences, and most types in each other: rosbags writes Python for each."""
+
+log = logging.getLogger("socialbot.bags")
 
 
 @dataclass(frozen=True)
@@ -286,14 +294,42 @@ def _type_problem(name: str, definition: MessageDefinition, ros1: bool) -> TypeP
 
 def _undefined(name: str, types: Typesdict) -> str | None:
     """Return the first type without fields among ``name`` and its parts, recursively."""
-    seen, pending = set[str](), [name]
+    seen, pending = {name}, [name]
     while pending:
         each = pending.pop(0)
         if each not in types:
             return each
-        seen.add(each)
-        pending += [part for part in _parts(types[each][1]) if part not in seen]
+        new = dict.fromkeys(part for part in _parts(types[each][1]) if part not in seen)
+        seen.update(new)
+        pending += new
     return None
+
+
+def _check_size(name: str, types: Typesdict) -> None:
+    """Raise TypesysError if a type has too many parts beside its sequences, whose parts take bytes of a message."""
+    counts: dict[str, int] = {}
+
+    def count(each: str, depth: int = 0) -> int:
+        if depth > MAX_DEPTH:
+            raise TypesysError(f"{name} has itself as a part, or more than {MAX_DEPTH} types in each other")
+        if each not in counts:
+            counts[each] = sum(of_field(field, depth) for _, field in types[each][1]) if each in types else 1
+            if counts[each] > MAX_PARTS:
+                raise TypesysError(f"{each} has more than {MAX_PARTS} parts")
+        return counts[each]
+
+    def of_field(field: FieldDesc, depth: int) -> int:
+        if field[0] is Nodetype.NAME:
+            return count(field[1], depth + 1)
+        if field[0] is Nodetype.BASE:
+            return 1
+        item, length = field[1]
+        if field[0] is Nodetype.ARRAY and length < 1:
+            raise TypesysError(f"{name} has an array of {length} items")
+        is_number = item[0] is Nodetype.BASE and item[1][0] != "string"
+        return (length if field[0] is Nodetype.ARRAY and not is_number else 1) * of_field(item, depth)
+
+    count(name)
 
 
 def _parts(fields: Fielddefs) -> Iterator[str]:
@@ -344,18 +380,37 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
         return known if name in known.fielddefs or ros1 else _installed_types(name)
     types = get_typestore(Stores.EMPTY)
     try:
+        if len(definition.data) > MAX_DEFINITION:
+            raise TypesysError(f"the definition has more than {MAX_DEFINITION} characters")
         if definition.format is MessageDefinitionFormat.MSG:
             types.register(_parsed(definition.data, name))
         else:
             for part in filter(None, definition.data.split("=" * 80 + "\n")):
                 types.register(get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part)))
-    except TypesysError:
-        return known if name in known.fielddefs or ros1 else _installed_types(name)
+        _check_size(name, {**known.fielddefs, **types.fielddefs})
+    except Exception as error:  # noqa: BLE001 - rosbags makes Python of a definition, which may fail in any way
+        found = known if name in known.fielddefs or ros1 else _installed_types(name)
+        if name not in found.fielddefs:
+            log.warning("the definition of %s cannot be used: %s: %.200s", name, type(error).__name__, error)
+        return found
     # Some writers leave out the definitions of types that ROS has.
     while (missing := _undefined(name, types.fielddefs)) in known.fielddefs and missing != name:
         types.register({missing: known.fielddefs[missing]})
     # rosbag2 stores no usable definition of the events of services.
     return types if name in types.fielddefs or ros1 else _installed_types(name)
+
+
+_evaluated = idl.eval_expression
+
+
+def _without_operators(expression: Any, *rest: Any) -> Any:
+    """Evaluate a constant of an IDL file as rosbags does, unless it calculates: a shift can take all memory."""
+    if isinstance(expression, idl.BinaryExpression):
+        raise TypesysError("a constant is no number or text, but calculated")
+    return _evaluated(expression, *rest)
+
+
+idl.eval_expression = _without_operators
 
 
 def _parsed(text: str, name: str) -> Typesdict:
