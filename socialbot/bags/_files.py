@@ -130,6 +130,18 @@ def _offered_qos(metadata: bytes) -> list[Qos]:
     return found
 
 
+_read_index_of_ros1 = Ros1Reader.read_index_data
+
+
+def _read_index_data(reader: Any, place: int, indexes: dict[int, list[Any]]) -> None:
+    """Read a part of the index of a .bag file. Raises ValueError if all parts are longer than the file."""
+    begin = reader.bio.tell()
+    _read_index_of_ros1(reader, place, indexes)
+    reader.index_bytes = getattr(reader, "index_bytes", 0) + reader.bio.tell() - begin
+    if reader.index_bytes > reader.path.stat().st_size:
+        raise ValueError("its index names chunks many times")
+
+
 def install() -> None:
     """Make the readers of rosbags use bounded decompressors, and accept .mcap files with topics in other encodings."""
     storage_mcap.get_msgdef = _definition
@@ -137,6 +149,7 @@ def install() -> None:
     storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
     storage_mcap.DECOMPRESSORS["zstd"] = _of_chunk(_zstd_decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = _of_chunk(LZ4FrameDecompressor)
+    Ros1Reader.read_index_data = _read_index_data  # type: ignore[method-assign]
     ros1_reader.decompressors["bz2"] = _of_message(bz2.BZ2Decompressor)
     ros1_reader.decompressors["lz4"] = _of_message(LZ4FrameDecompressor)
     ros2_reader.zstd = _BoundedZstd  # type: ignore[attr-defined]

@@ -12,7 +12,7 @@ import pytest
 from socialbot.bags.reader import open_bag
 from socialbot.bags.types import installed_definition
 from socialbot.core.errors import SocialbotError
-from tests.bags.making_bags import make
+from tests.bags.making_bags import make, make_ros1
 
 FOOTER_BYTES = 20 + 8
 LIES = [
@@ -40,6 +40,21 @@ def test_an_index_that_lies_is_refused_or_ignored(tmp_path: Path, step: int) -> 
             except SocialbotError:
                 pass
             assert time.process_time() - begun < 1.0, (at, lie)
+
+
+def test_a_chunk_of_ros_1_that_is_named_many_times_is_refused(tmp_path: Path) -> None:
+    """5000 times an index of 1200 entries: a gigabyte."""
+    path, copies = make_ros1(tmp_path / "bag.bag", count=1000), 5000
+    whole = bytearray(path.read_bytes())
+    last = whole.rindex(b"\x04\0\0\0op=\x06") - 4  # the record of the only chunk
+    (count,) = struct.unpack_from("<I", whole, place := whole.index(b"chunk_count=") + len("chunk_count="))
+    assert count == 1
+    struct.pack_into("<I", whole, place, copies)
+    path.write_bytes(whole + whole[last:] * (copies - 1))
+    begun = time.process_time()
+    with pytest.raises(SocialbotError, match="its index names chunks many times"):
+        open_bag(path)
+    assert time.process_time() - begun < 5.0
 
 
 @pytest.mark.parametrize(
