@@ -14,6 +14,8 @@ import fcntl
 import hashlib
 import logging
 import os
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,6 +28,9 @@ log = logging.getLogger("socialbot.security")
 
 RESERVED_S = 0.05
 """Time (s) that is noted in advance, so that a receiver writes at most twenty times a second for each sender."""
+
+LOCKED_S = 0.1
+"""Longest time (s) to wait for other processes, each of which needs microseconds."""
 
 _BYTES = 8
 _STREAMS = ".streams"  # no name of a sender begins with a dot
@@ -46,6 +51,7 @@ class AcceptedTimes:
     _reserved: dict[str, int] = field(default_factory=dict, init=False)
     _files: dict[str, int] = field(default_factory=dict, init=False)
     _failed: bool = field(default=False, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def __post_init__(self) -> None:
         kept = {file.name: read_bytes(file) for file in self._kept()}
@@ -98,12 +104,16 @@ class AcceptedTimes:
 
     @contextmanager
     def _locked(self, name: str) -> Iterator[int]:
-        file = self._file(name)
-        fcntl.flock(file, fcntl.LOCK_EX)
-        try:
-            yield file
-        finally:
-            fcntl.flock(file, fcntl.LOCK_UN)
+        """Lock a file, also against other threads. Raises OSError if another process holds it, which may be stopped."""
+        with self._lock:
+            file = self._file(name)
+            end = time.monotonic() + (0.0 if self._failed else LOCKED_S)
+            while not _is_locked(file, last=time.monotonic() >= end):
+                time.sleep(LOCKED_S / 100)
+            try:
+                yield file
+            finally:
+                fcntl.flock(file, fcntl.LOCK_UN)
 
     def _kept(self) -> list[Path]:
         try:
@@ -126,6 +136,17 @@ def state_folder(realm: str, own_key: str) -> Path:
     """The folder of `AcceptedTimes` for messages of a ``realm``, read with the key of this fingerprint."""
     base = Path(os.environ.get("XDG_STATE_HOME") or Path("~/.local/state").expanduser()) / "socialbot"
     return base / "accepted" / hashlib.sha256(f"{realm}\n{own_key}".encode()).hexdigest()[:16]
+
+
+def _is_locked(file: int, *, last: bool) -> bool:
+    """Try to lock a file; return whether that succeeded. The ``last`` attempt raises OSError."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        if last:
+            raise
+        return False
+    return True
 
 
 def _entry(sender: str, stream: str) -> tuple[int, bytes]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import shutil
 import stat
+import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import get_args
 
 import msgspec
@@ -254,18 +257,18 @@ def test_a_restart_after_the_clock_was_set_back_opens_no_replay(clocks, tmp_path
     first = clocks.receiver(accepted=AcceptedTimes(tmp_path))
     clocks.go_on(5)
     said = [(number, clocks.wall + number * SECOND) for number in range(1, 9)]
-    for number, time in said:
+    for number, at in said:
         clocks.go_on(1)
-        assert first.judge("a", "s", number, time) == NEW
+        assert first.judge("a", "s", number, at) == NEW
     clocks.wall -= back_s * SECOND
     clocks.go_on(0.5)
     again = clocks.receiver(accepted=AcceptedTimes(tmp_path))
     heard = []
     for _ in range(2 * back_s if back_s < 60 else 0):
         clocks.go_on(0.5)
-        heard += [again.judge("a", "s", number, time) for number, time in said]
+        heard += [again.judge("a", "s", number, at) for number, at in said]
     clocks.wall = said[0][1]
-    heard += [again.judge("a", "s", number, time) for number, time in said]
+    heard += [again.judge("a", "s", number, at) for number, at in said]
     assert NEW not in heard
     clocks.go_on(10)
     assert again.judge("a", "s", 9, clocks.wall) == NEW
@@ -278,6 +281,34 @@ def test_a_late_subscriber_takes_the_last_state_of_an_earlier_one_but_no_older_o
     again = clocks.receiver(joins_late=True, accepted=AcceptedTimes(tmp_path))
     assert NEW not in [again.judge("a", "s", number, clocks.wall) for number in (3, 4)]
     assert again.judge("a", "s", 5, clocks.wall) == NEW
+
+
+def test_a_stopped_process_does_not_block_the_others(tmp_path, caplog):
+    """It may hold the lock of a file while it is stopped."""
+    times = AcceptedTimes(tmp_path)
+    times.note("a", "s", 1, SECOND)
+    with (tmp_path / ".streams").open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        begun = time.monotonic()
+        for number in range(2, 100):
+            times.note("a", "s", number, number * SECOND)
+        assert time.monotonic() - begun < 2.0
+        assert caplog.text.count("cannot note accepted messages") == 1
+    times.note("a", "s", 100, 100 * SECOND)
+    assert AcceptedTimes(tmp_path).number("a", "s") == 100
+
+
+def test_threads_that_note_messages_at_once_lose_none(tmp_path):
+    times = AcceptedTimes(tmp_path)
+
+    def note(thread: int) -> None:
+        for number in range(200):
+            times.note("a", f"{thread}-{number}", number, number)
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(note, range(8)))
+    kept = AcceptedTimes(tmp_path)
+    assert all(kept.number("a", f"{thread}-{number}") == number for thread in range(8) for number in range(200))
 
 
 def test_the_numbers_of_many_streams_are_kept_in_a_file_of_limited_size(tmp_path):
