@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from socialbot.core.clock import SECOND
+from socialbot.core.paths import user_folder
 from socialbot.core.reading import read_bytes
 
 log = logging.getLogger("socialbot.security")
@@ -133,8 +134,11 @@ class AcceptedTimes:
 
 
 def state_folder(realm: str, own_key: str) -> Path:
-    """The folder of `AcceptedTimes` for messages of a ``realm``, read with the key of this fingerprint."""
-    base = Path(os.environ.get("XDG_STATE_HOME") or Path("~/.local/state").expanduser()) / "socialbot"
+    """The folder of `AcceptedTimes` for messages of a ``realm``, read with the key of this fingerprint.
+
+    Raises ParameterError if the user has no home folder.
+    """
+    base = user_folder("XDG_STATE_HOME", ".local/state") / "socialbot"
     return base / "accepted" / hashlib.sha256(f"{realm}\n{own_key}".encode()).hexdigest()[:16]
 
 

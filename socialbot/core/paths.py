@@ -101,6 +101,21 @@ def in_workspace(path: str | Path, *, where: str) -> Path:
     return within(path, workspace(), where=where)
 
 
+def user_folder(variable: str, default: str) -> Path:
+    """Return the folder that ``variable`` names, or ``default`` in the home folder.
+
+    Raises:
+        ParameterError: The user has no home folder, as in some containers.
+    """
+    if named := os.environ.get(variable):
+        return Path(named)
+    try:
+        return Path.home() / default
+    except RuntimeError as error:
+        remedy = f"set {variable} or HOME to a folder of yours"
+        raise ParameterError("this user has no home folder", where=variable, remedy=remedy) from error
+
+
 def workspace(environment: MutableMapping[str, str] = os.environ) -> tuple[Path, ...]:
     """Return the folders for files of nodes: the working directory and the allowed folders."""
     listed = environment.get(FOLDERS_VARIABLE, "").split(os.pathsep)

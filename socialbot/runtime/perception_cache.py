@@ -22,6 +22,7 @@ import msgspec
 
 import socialbot
 from socialbot.bags.reader import Bag, Skipped
+from socialbot.core import paths
 from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import Health, Message, RosMessage
 from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
@@ -85,13 +86,17 @@ def is_redacted(bag: Path) -> bool:
 
 
 def default_folder() -> CacheFolder:
-    """Return the cache of this user, as the environment names it. Raises ParameterError for an invalid size."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "socialbot"
+    """Return the cache of this user, as the environment names it.
+
+    Raises ParameterError for an invalid size, and if the user has no home folder.
+    """
     text = os.environ.get(MEGABYTES_VARIABLE) or str(DEFAULT_MEGABYTES)
     if not text.isdecimal() or len(text) > 12:
         remedy = f"give a number of megabytes, such as {DEFAULT_MEGABYTES}"
         raise ParameterError(f"not a size: {text!r}", where=MEGABYTES_VARIABLE, remedy=remedy)
-    return CacheFolder(Path(os.environ.get(FOLDER_VARIABLE) or base), int(text) * 1_000_000)
+    named = os.environ.get(FOLDER_VARIABLE)
+    folder = Path(named) if named else paths.user_folder("XDG_CACHE_HOME", ".cache") / "socialbot"
+    return CacheFolder(folder, int(text) * 1_000_000)
 
 
 def describe(folder: CacheFolder, file: CacheFile) -> Entry | None:

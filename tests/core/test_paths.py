@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import pwd
 import re
 from pathlib import Path
 
 import pytest
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import FOLDERS_VARIABLE, allow, replace_file, within, workspace
+from socialbot.core.paths import FOLDERS_VARIABLE, allow, replace_file, user_folder, within, workspace
 from socialbot.core.registry import node_types
 from socialbot.graph.files import dump_graph, load_graph, node_type, with_changes
 from socialbot.graph.inline import InlineRunner
@@ -126,3 +127,21 @@ def test_files_beside_a_graph_may_be_used(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text(dump_graph(graph))
     load_graph(str(tmp_path / "mine.yaml"))
     assert workspace() == (Path.cwd(), tmp_path)
+
+
+def test_a_user_without_a_home_folder_has_to_name_one(monkeypatch):
+    """As in a container that runs with any user id."""
+
+    def nobody(_: int) -> None:
+        raise KeyError
+
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    with pytest.raises(ParameterError, match=r"XDG_STATE_HOME: this user has no home folder"):
+        user_folder("XDG_STATE_HOME", ".local/state")
+    monkeypatch.setenv("XDG_STATE_HOME", "/state")
+    assert user_folder("XDG_STATE_HOME", ".local/state") == Path("/state")
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", "/home/robot")
+    assert user_folder("XDG_STATE_HOME", ".local/state") == Path("/home/robot/.local/state")
