@@ -173,6 +173,9 @@ def _with_people(graph: Graph, people: Part, profile: RobotProfile) -> Graph:
     return _joined(graph, kept, people.names.values())
 
 
+_JOINT_KEYS = ("joint", "lower_rad", "upper_rad", "speed_rad_s", "straight_rad")
+
+
 def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
     turned = [config for config in graph.nodes if issubclass(config.type, Head)]
     if not turned:
@@ -182,7 +185,7 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
         kind = node_type("robot_head_action", where=profile.where)
     joints: dict[str, Any] = {}
     for name, joint in (("pan", head.pan), ("tilt", head.tilt)):
-        joints |= {f"{name}_{key}": getattr(joint, key) for key in ("joint", "lower_rad", "upper_rad", "speed_rad_s")}
+        joints |= {f"{name}_{key}": getattr(joint, key) for key in _JOINT_KEYS}
         joints[f"{name}_sign"] = joint.sign
     ports = {**kind.outputs(), **kind.clients(), **kind.inputs()}
     keys = {"action": "follow"}

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import MessageError
+from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import JointTrajectory, RosMessage
 from socialbot.graph.calls import CallResult, PendingCall, make_message
 from socialbot.graph.node import Context, Node, Timer
@@ -30,6 +30,10 @@ _LEAST_SHARE = 0.01  # least share of the full speed that moves a joint of NAOqi
 ANGLES = "naoqi_bridge_msgs/msg/JointAnglesWithSpeed"
 
 
+def _position(default: float, doc: str) -> Parameter[float]:
+    return Parameter(default, doc, minimum=-WIDEST_RAD, maximum=WIDEST_RAD, fixed=True)
+
+
 class RobotHead(Node):
     """Head of a robot: checks each target and sends it to the robot within the limits of its joints.
 
@@ -48,21 +52,15 @@ class RobotHead(Node):
     joint_states = Input("sensor_msgs/msg/JointState", "/joint_states", Delivery.NEWEST, optional=True)
 
     pan_joint = Parameter("head_pan_joint", "joint that turns the head; empty: none", fixed=True)
-    pan_lower_rad = Parameter(
-        -1.2, "least position of the pan joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
-    )
-    pan_upper_rad = Parameter(
-        1.2, "greatest position of the pan joint, rad", minimum=0.0, maximum=WIDEST_RAD, fixed=True
-    )
+    pan_lower_rad = _position(-1.2, "least position of the pan joint, rad")
+    pan_upper_rad = _position(1.2, "greatest position of the pan joint, rad")
+    pan_straight_rad = _position(0.0, "position of the pan joint at which the head looks straight on, rad")
     pan_speed_rad_s = Parameter(1.0, "highest speed of the pan joint, rad/s", minimum=0.01, maximum=10.0, fixed=True)
     pan_sign = Parameter(1, "1: the pan joint is positive to the left; -1: to the right", minimum=-1, maximum=1)
     tilt_joint = Parameter("head_tilt_joint", "joint that nods the head; empty: none", fixed=True)
-    tilt_lower_rad = Parameter(
-        -0.5, "least position of the tilt joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
-    )
-    tilt_upper_rad = Parameter(
-        0.5, "greatest position of the tilt joint, rad", minimum=0.0, maximum=WIDEST_RAD, fixed=True
-    )
+    tilt_lower_rad = _position(-0.5, "least position of the tilt joint, rad")
+    tilt_upper_rad = _position(0.5, "greatest position of the tilt joint, rad")
+    tilt_straight_rad = _position(0.0, "position of the tilt joint at which the head looks straight on, rad")
     tilt_speed_rad_s = Parameter(1.0, "highest speed of the tilt joint, rad/s", minimum=0.01, maximum=10.0, fixed=True)
     tilt_sign = Parameter(1, "1: the tilt joint is positive up; -1: down", minimum=-1, maximum=1)
     period_s = Parameter(0.05, "shortest time between two commands, s", minimum=0.01, maximum=10.0)
@@ -74,7 +72,13 @@ class RobotHead(Node):
             self.tilt_joint: JointLimits(self.tilt_lower_rad, self.tilt_upper_rad, self.tilt_speed_rad_s),
         }
         self._limits = {joint: each for joint, each in limits.items() if joint}
+        for axis in ("pan", "tilt"):
+            lower, straight, upper = (getattr(self, f"{axis}_{key}_rad") for key in ("lower", "straight", "upper"))
+            if not lower <= straight <= upper:
+                what = f"{axis}_straight_rad {straight:g} is not between {lower:g} and {upper:g}"
+                raise ParameterError(what, where=name, remedy="give limits around the straight pose")
         self._absent = {name for name, joint in ((NO_PAN, self.pan_joint), (NO_TILT, self.tilt_joint)) if not joint}
+        self._straight = {self.pan_joint: self.pan_straight_rad, self.tilt_joint: self.tilt_straight_rad}
         self._signs = {self.pan_joint: self.pan_sign or 1, self.tilt_joint: self.tilt_sign or 1}
         self._motion: JointMotion | None = None
         self._from_known_pose = False
@@ -149,7 +153,7 @@ class RobotHead(Node):
     def on_target(self, target: JointTrajectory) -> None:
         """Take a target. Raises MessageError if it is invalid."""
         turned = [
-            position * self._signs.get(joint, 1)
+            position * self._signs.get(joint, 1) + self._straight.get(joint, 0.0)
             for joint, position in zip(target.joint_names, target.positions, strict=False)
         ]
         turned += target.positions[len(turned) :]
@@ -177,7 +181,7 @@ class RobotHead(Node):
         now, start = self.clock.now(), self.pose()
         whole = {**(start or {}), **wanted}
         if whole.keys() < self._limits.keys():  # one joint of an unknown pose: controllers want all
-            whole = {**dict.fromkeys(self._limits, 0.0), **whole}
+            whole = {**{joint: self._straight[joint] for joint in self._limits}, **whole}
         duration_s = max(asked_s, least_duration_s(start, whole, self._limits), self.period_s)
         self._motion, self._from_known_pose = JointMotion(start or whole, whole, now, duration_s), bool(start)
         self._earliest = now + nanoseconds(self.period_s)

@@ -58,6 +58,7 @@ class JointProfile:
         upper_rad: Greatest position.
         speed_rad_s: Highest speed.
         sign: 1 if the joint is positive to the left or up (REP-103), else -1.
+        straight_rad: Position at which the head looks straight on.
     """
 
     joint: str
@@ -65,11 +66,12 @@ class JointProfile:
     upper_rad: _Angle
     speed_rad_s: _Speed
     sign: Literal[1, -1] = 1
+    straight_rad: _Angle = 0.0
 
     @property
     def reach_rad(self) -> float:
         """Largest angle to which the joint can turn in both directions."""
-        return max(0.0, min(-self.lower_rad, self.upper_rad))
+        return max(0.0, min(self.straight_rad - self.lower_rad, self.upper_rad - self.straight_rad))
 
 
 USUAL_HFOV_RAD = 1.09
@@ -363,7 +365,8 @@ def _joint(head: YamlSection, key: str, base: JointProfile) -> JointProfile:
         return base
     section = head.section(key)
     joint = section.read(JointProfile, {} if base is NO_JOINT else vars(base))
-    if not joint.lower_rad <= 0.0 <= joint.upper_rad:
-        what, remedy = "0 is not between lower_rad and upper_rad", "write limits around the straight pose"
+    if not joint.lower_rad <= joint.straight_rad <= joint.upper_rad:
+        what = f"{joint.straight_rad:g} is not between lower_rad and upper_rad"
+        remedy = "write limits around the straight pose; straight_rad is its position, if that is not 0"
         raise GraphError(what, where=section.where, remedy=remedy)
     return joint

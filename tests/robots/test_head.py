@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.core.errors import NodeError
+from socialbot.core.errors import NodeError, ParameterError
 from socialbot.core.messages import JointTrajectory, RosMessage, ros_message
 from socialbot.graph.calls import GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -81,6 +81,23 @@ def test_a_head_that_does_not_follow_is_told_until_it_moves():
         assert reason(0.5, lambda time: 0.1 * time) == ""
         assert reason(20.0, lambda time: 0.05 + 0.037 * time) == ""  # slow, but it comes
         assert reason(10.0, lambda _: 0.75) == ""  # near enough
+
+
+def test_a_joint_that_is_not_0_at_the_straight_pose_turns_about_that_pose():
+    servo = {"pan_lower_rad": 0.0, "pan_upper_rad": 3.14, "pan_straight_rad": 1.57, "pan_sign": -1}
+    with GraphTester(TrajectoryHead, parameters={**LIMITS, **servo}) as graph:
+        target(graph, 0.5, 0.2)
+        graph.run(0.1)
+        target(graph, -2.0, 0.2)
+        graph.run(0.1)
+        left, right = graph.messages(SENT)
+    assert left.positions == pytest.approx((1.07, 0.2))
+    assert right.positions == (3.14, 0.2)
+
+
+def test_limits_that_leave_the_straight_pose_out_are_refused():
+    with pytest.raises(ParameterError, match=r"pan_straight_rad 0 is not between 0\.5 and 1\.5"):
+        GraphTester(TrajectoryHead, parameters={**LIMITS, "pan_lower_rad": 0.5})
 
 
 def test_a_joint_that_is_positive_down_gets_the_other_sign():

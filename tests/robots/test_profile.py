@@ -68,6 +68,13 @@ def test_a_profile_holds_what_its_file_says():
         ("speed_rad_s: 0.8", "speed_rad_s: .inf", 8, "'speed_rad_s' must be a number", ""),
         ("lower_rad: -1.0", "lower_rad: .nan", 8, "'lower_rad' must be a number", ""),
         ("lower_rad: -1.0", "lower_rad: 0.5", 8, "0 is not between lower_rad and upper_rad", ""),
+        (
+            "lower_rad: -1.0",
+            "lower_rad: 0.5, straight_rad: 1.3",
+            8,
+            "1.3 is not between",
+            "straight_rad is its position",
+        ),
         ("lower_rad: -1.0, ", "", 8, "'lower_rad' is missing", "a number from -6.3 to 6.3"),
         ("lower_rad: -1.0", "lower_rad: -57", 8, "'lower_rad' must be a number from -6.3 to 6.3", ""),
         ("joint: neck_tilt", "joint: neck_pan", 6, "pan and tilt are the same joint 'neck_pan'", "two joints"),
@@ -103,6 +110,16 @@ def test_limits_of_urdfs_beyond_half_a_turn(pan, tilt):
     assert nodes["robot_head"].parameters["pan_lower_rad"] == robby.head.pan.lower_rad
     assert nodes["head"].parameters["pan_limit_rad"] == min(robby.head.pan.reach_rad, math.pi)
     assert nodes["head"].parameters["tilt_limit_rad"] == min(robby.head.tilt.reach_rad, math.pi / 2)
+
+
+def test_the_straight_pose_of_a_joint_need_not_be_0():
+    text = GOOD.replace("lower_rad: -1.0, upper_rad: 1.2", "lower_rad: 0.2, upper_rad: 3.0, straight_rad: 1.5")
+    profile = parse_profile(text, "robby.yaml")
+    assert profile.head is not None
+    assert profile.head.pan.reach_rad == pytest.approx(1.3)
+    graph = with_robot(load_graph("waldo"), profile)
+    assert graph.node("robot_head").parameters["pan_straight_rad"] == 1.5
+    assert graph.node("head").parameters["pan_limit_rad"] == pytest.approx(1.3)
 
 
 def test_a_profile_can_change_another(tmp_path):
