@@ -14,7 +14,7 @@ from socialbot.core.messages import AudioData, Message, SpeechStatus, StopSpeech
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
-from socialbot.speech.speaker import Speaker, slug
+from socialbot.speech.speaker import Speaker, slug, without_markup
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 
@@ -385,3 +385,24 @@ def test_published_sound_is_that_of_the_utterance() -> None:
     [sound] = sounds
     assert isinstance(sound, AudioData)
     assert (sound.stamp, sound.samples) == (SECOND, Synthesizer("en").say("Hello!").samples.tobytes())
+
+
+@pytest.mark.parametrize(
+    ("text", "spoken"),
+    [
+        ("Hello <b>you</b>!", "Hello you!"),
+        ("<speak>Hello<break time='1s'/></speak>", "Hello"),
+        ("**Hello** *you*, `all`", "Hello you, all"),
+        ("# Hello\n## you", "Hello\nyou"),
+        ("See [the map](https://maps.example/a).", "See the map."),
+        ("Hello \U0001f600!", "Hello !"),
+        ("Hello \u2764\ufe0f you", "Hello you"),
+        ("2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4", "2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4"),
+        ("Room #3, a_b, 20 %  off", "Room #3, a_b, 20 %  off"),
+        ("20 \u00b0C \u2122", "20 \u00b0C \u2122"),
+        ("\U0001f600", "\U0001f600"),
+        ("", ""),
+    ],
+)
+def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
+    assert without_markup(text) == spoken
