@@ -442,7 +442,7 @@ _MARKUP = (
     (re.compile(r"</?[A-Za-z][^<>]*>"), ""),  # tags
     (re.compile(r"\[([^\[\]\n]+)\]\([^()\s]*\)"), r"\1"),  # links
     (re.compile(r"^#+\s+", re.MULTILINE), ""),  # headings
-    (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]*?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
+    (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]{0,200}?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
     (re.compile("[\u2600-\u27bf\U0001f000-\U0001faff][\u200d\ufe0f]*"), ""),  # emoji
 )
 

@@ -1,12 +1,14 @@
 import logging
 import sys
 import threading
+import time
 import wave
 from collections.abc import Iterator
 
 import miniaudio
 import pytest
 
+from socialbot.core import limits
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, ParameterError
 from socialbot.core.installation import extra_command
@@ -406,3 +408,11 @@ def test_published_sound_is_that_of_the_utterance() -> None:
 )
 def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
     assert without_markup(text) == spoken
+
+
+@pytest.mark.parametrize("part", ["*a ", "`", "*", "<a", "[a](", "#", " **a**"])
+def test_long_texts_of_markup_take_little_time(part: str) -> None:
+    text = part * (limits.SENTENCE_CHARACTERS // len(part))
+    begin = time.process_time()
+    without_markup(text)
+    assert time.process_time() - begin < 2.0, "not in proportion to the square of its length"
