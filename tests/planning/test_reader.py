@@ -264,6 +264,10 @@ def test_timed_initial_literals_may_come_at_the_start():
         ("(define (domain d) (:axiom :vars (?x)))", "not supported by socialbot: axioms of PDDL 1.2 (:axiom)"),
         ("(define (domain d) (:extends e))", "not supported by socialbot: domains that extend others (:extends)"),
         ("(define (domain d) (:safety (p)))", "not supported by socialbot: safety constraints of PDDL 1.2 (:safety)"),
+        (
+            "(define (domain d) (:constraint c :condition (p)))",
+            "not supported by socialbot: constraints of PDDL+ (:constraint)",
+        ),
         ("(define (domain d) (:colours red))", "unknown section ':colours'\n  remedy: known: :requirements, :types"),
         (
             "(define (domain d) (:predicates (p)) (:action a :expansion (series (b))))",

@@ -66,6 +66,7 @@ _ONCE = (":domain", ":goal", ":metric", ":length")
 _IN_PROBLEM = "write the facts into :init of the problem"
 _UNSUPPORTED = {
     ":constraints": ("preferences and constraints (:constraints)", NO_PREFERENCES),
+    ":constraint": ("constraints of PDDL+ (:constraint)", "write it as a precondition of the actions"),
     ":process": ("continuous change (:process)", "write the whole change as an effect of a durative action"),
     ":event": ("events of the world (:event)", "write (at TIME ...) into :init, or plan again after the event"),
     ":axiom": ("axioms of PDDL 1.2 (:axiom)", "write it as (:derived (NAME ...) CONDITION)"),
