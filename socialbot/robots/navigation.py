@@ -202,7 +202,7 @@ class MobileAgent(AgentNode):
             low_x, low_y, high_x, high_y = _numbers(self.area, 4, f"{self.name}.area")
             if not (low_x <= pose.x <= high_x and low_y <= pose.y <= high_y):
                 raise Failed("outside", f"({pose.x:.2f}, {pose.y:.2f}) is outside of the area {self.area}")
-        header = {"frame_id": self.frame}  # without a stamp: the clock of the robot may differ
+        header = {"frame_id": self.frame, "stamp": {"sec": 0, "nanosec": 0}}  # none: the clock of the robot may differ
         turn = {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw / 2), "w": math.cos(pose.yaw / 2)}
         place = {"x": float(pose.x), "y": float(pose.y), "z": 0.0}
         return {"pose": {"header": header, "pose": {"position": place, "orientation": turn}}}
