@@ -403,14 +403,22 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
 _evaluated = idl.eval_expression
 
 
-def _without_operators(expression: Any, *rest: Any) -> Any:
-    """Evaluate a constant of an IDL file as rosbags does, unless it calculates: a shift can take all memory."""
-    if isinstance(expression, idl.BinaryExpression):
-        raise TypesysError("a constant is no number or text, but calculated")
-    return _evaluated(expression, *rest)
+_CONSTANT_BITS = 64  # of the largest type of a constant
 
 
-idl.eval_expression = _without_operators
+def _evaluated_small(expression: Any, *rest: Any) -> Any:
+    """Evaluate a constant of an IDL file as rosbags does. Raises TypesysError before a number takes all memory."""
+    if isinstance(expression, idl.BinaryExpression) and expression.op == "<<":
+        bits = getattr(expression.right, "value", None)  # evaluated here, nested shifts would be so twice each
+        if not isinstance(bits, int) or bits > _CONSTANT_BITS:
+            raise TypesysError(f"a constant is shifted by more than {_CONSTANT_BITS} bits, or by a calculated number")
+    found = _evaluated(expression, *rest)
+    if isinstance(found.value, int) and found.value.bit_length() > _CONSTANT_BITS:
+        raise TypesysError(f"a constant has more than {_CONSTANT_BITS} bits")
+    return found
+
+
+idl.eval_expression = _evaluated_small
 
 
 def _parsed(text: str, name: str) -> Typesdict:

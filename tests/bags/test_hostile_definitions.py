@@ -14,6 +14,7 @@ NEXT = "\n" + "=" * 80 + "\n"
 TWICE = "T1 a\nT1 b" + "".join(f"{NEXT}MSG: p/T{n}\nT{n + 1} a\nT{n + 1} b" for n in range(1, 40))
 IDL = "IDL: p/msg/A\nmodule p {{ module msg {{ {}; struct A {{ octet b; }}; }}; }};"
 CONSTANT = "module A_Constants {{ const long X = {}; }}"
+SQUARES = " ".join(f"const long long X{n} = X{n - 1} * X{n - 1};" for n in range(1, 40))
 
 
 def connection(text: str, name: str = NAME) -> Connection:
@@ -34,8 +35,9 @@ def connection(text: str, name: str = NAME) -> Connection:
         ("uint8 a\n", "1p/msg/A", "SyntaxError"),
         ("uint8 structure_needs_at_least_one_member\nuint8 b\n", NAME, "TypeError"),
         ("float64 X=1e999\nuint8 b\n", NAME, "NameError"),
-        (IDL.format(CONSTANT.format("1 << 30000000000")), NAME, "calculated"),
-        (IDL.format(CONSTANT.format("9999 * 9999")), NAME, "calculated"),
+        (IDL.format(CONSTANT.format("1 << 30000000000")), NAME, "shifted by more than 64 bits"),
+        (IDL.format(CONSTANT.format("1 << (1 << 40)")), NAME, "by a calculated number"),
+        (IDL.format(f"module A_Constants {{ const long long X0 = 99999; {SQUARES} }}"), NAME, "more than 64 bits"),
     ],
 )
 def test_an_unusable_definition_is_refused_soon(
@@ -53,6 +55,6 @@ def test_an_unusable_definition_is_refused_soon(
 def test_usual_definitions_are_used() -> None:
     arrays = f"string[3] names\nfloat64[1000000] numbers\nB[] parts\nB[2] pair{NEXT}MSG: p/B\nstring z\n"
     constant = IDL.format(CONSTANT.format("-3"))
-    for text in (arrays, constant):
+    for text in (arrays, constant, *(IDL.format(CONSTANT.format(value)) for value in ("1 << 3", "9999 * 9999"))):
         assert type_problem(connection(text)) is None
     assert deserialize(connection(constant), b"\0\1\0\0\7\0\0\0").b == 7
