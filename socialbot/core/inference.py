@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,14 @@ if TYPE_CHECKING:
     import onnxruntime
 
 LONGEST_RUN_S = 60.0
-"""Longest run (s) of a network. Those for images and sentences need less than a second."""
+"""Longest run (s of processor time) of a network. Those for images and sentences need less than a second."""
 
 
 class Inference:
-    """Runs of one ``session``, whose network errors name ``where``. A network that took too long is not run again."""
+    """Runs of one ``session``, whose network errors name ``where``. A network that took too long is not run again.
+
+    The time is processor time of the process, so that one that was stopped, or waited for a processor, is not late.
+    """
 
     def __init__(self, session: onnxruntime.InferenceSession, where: str, longest_s: float = LONGEST_RUN_S) -> None:
         self._session = session
@@ -37,9 +41,8 @@ class Inference:
             raise self._late()
         options = onnxruntime.RunOptions()
         options.log_severity_level = 4
-        timer = threading.Timer(self._longest_s, setattr, (options, "terminate", True))
-        timer.daemon = True
-        timer.start()
+        ended = threading.Event()
+        threading.Thread(target=self._stop_late, args=(options, ended), daemon=True).start()
         try:
             return list(self._session.run(None, dict(inputs), options))
         except Exception as error:
@@ -48,7 +51,14 @@ class Inference:
             self._is_late = True
             raise self._late() from error
         finally:
-            timer.cancel()
+            ended.set()
+
+    def _stop_late(self, options: onnxruntime.RunOptions, ended: threading.Event) -> None:
+        end_s = time.process_time() + self._longest_s
+        while (left_s := end_s - time.process_time()) > 0:
+            if ended.wait(left_s):
+                return
+        options.terminate = True
 
     def _late(self) -> ParameterError:
         what = f"the network takes more than {self._longest_s:g} s for one input"

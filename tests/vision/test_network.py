@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
@@ -75,6 +76,36 @@ def test_a_network_that_loops_without_end_is_stopped_and_not_run_again(monkeypat
         with pytest.raises(ParameterError, match=r"loop\.onnx: the network takes more than 0\.5 s"):
             network.run(picture())
         assert time.monotonic() - begun < longest_s
+
+
+RUN = """
+import sys, time
+from socialbot.core import inference
+from socialbot.core.errors import ParameterError
+from socialbot.vision.network import OnnxModel
+from tests.vision.networks import endless_network
+from tests.vision.test_network import picture
+inference.Inference.__init__.__defaults__ = (1.0,)
+network = OnnxModel(endless_network(), where="loop.onnx")
+print("runs", flush=True)
+begun = time.process_time()
+try:
+    network.run(picture())
+except ParameterError:
+    print(time.process_time() - begun)
+"""
+
+
+def test_the_time_in_which_a_process_stands_still_does_not_count():
+    """Otherwise a detector whose process is stopped for a minute would never look again."""
+    with subprocess.Popen([sys.executable, "-c", RUN], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "runs\n"
+        time.sleep(0.5)  # into the run
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        process.send_signal(signal.SIGCONT)
+        assert float(process.stdout.readline()) >= 1.0
 
 
 def test_channels_may_come_last_and_numbers_may_be_small():
