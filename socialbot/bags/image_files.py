@@ -36,7 +36,7 @@ _VIDEO_MARKS = (
     (0, b"\x06\x0e\x2b\x34"),  # MXF
     (0, b"\xff\xd8\xff"),  # motion JPEG
 )
-"""Places and marks by which formats of videos are known."""
+"""Bytes that tell the format of a video, each after its place in the file."""
 _BEGIN_BYTES = 200
 
 

@@ -183,7 +183,7 @@ def _wrong_type(ros: Any, each: Requirement) -> str:
 
 
 def _others(ros: Any, each: Requirement) -> str:
-    """Tell the names of what is missing that are there, those most alike first."""
+    """Return which names have the type of a missing one, the most similar first."""
     if each.kind == "service":
         found = [name for name, kinds in readable(ros.get_service_names_and_types) or () if each.type in kinds]
     else:

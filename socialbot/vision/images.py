@@ -244,7 +244,7 @@ class _ImageWatch:
         return now - self._ticked_at >= _TIMELESS_S * SECOND
 
     def problem(self, pixels: Pixels, now: int) -> str:
-        """Return what is wrong with the images until ``now`` (ns); empty if nothing is."""
+        """Return why the images up to ``now`` (ns) show nothing; empty if they show something."""
         sample = pixels[::_SAMPLED, ::_SAMPLED]
         if self._last is None or not np.array_equal(sample, self._last):
             self._changed_at = now
