@@ -113,12 +113,16 @@ class RosChannel:
             self._timer.cancel()
 
     def _end_lost(self, present: dict[bytes, str]) -> None:
-        """End the calls whose servers are not ``present``."""
-        for call, known in self._sent.items():
+        """End the calls whose servers are not ``present``; send those that no server has heard to the present ones."""
+        for call, known in list(self._sent.items()):
             servers = self._sent[call] = frozenset(present) if known is None else known
             # A killed process stays discovered for a while, but its successor has the same name.
             successors = {node for server, node in present.items() if server not in servers}
-            if not any(server in servers and node not in successors for server, node in present.items()):
+            if any(server in servers and node not in successors for server, node in present.items()):
+                continue
+            if present and self._is_unheard(call):
+                self._transmit(call)
+            else:
                 self._report(call.end, "lost")
 
     def _endpoints(self) -> dict[bytes, str]:
@@ -129,6 +133,10 @@ class RosChannel:
     def _cancel(self, call: PendingCall) -> None:
         if call in self._waiting:
             self._waiting.remove(call)
+
+    def _is_unheard(self, call: PendingCall) -> bool:
+        """Whether no server seems to have got a call that was sent. Of a service, nobody can know."""
+        return False
 
     def has_server(self) -> bool:
         raise NotImplementedError
@@ -235,15 +243,24 @@ class ActionChannel(RosChannel):
 
     def _request(self, call: PendingCall) -> None:
         identity = UUID(uuid=list(uuid.uuid4().bytes))
-        self._goals[call] = ClientGoalHandle(self._client, identity, None)
+        goal = self._goals[call] = ClientGoalHandle(self._client, identity, None)
         future = self._client.send_goal_async(
             call.message,
-            feedback_callback=functools.partial(self._on_feedback, call, _Feedback(call, self._report)),
+            feedback_callback=functools.partial(self._on_feedback, call, goal, _Feedback(call, self._report)),
             goal_uuid=identity,
         )
-        future.add_done_callback(functools.partial(self._on_answer, call))
+        future.add_done_callback(functools.partial(self._on_answer, call, goal))
 
-    def _on_answer(self, call: PendingCall, future: Any) -> None:
+    def _is_unheard(self, call: PendingCall) -> bool:
+        return call in self._goals and call not in self._answered and call not in self._unwanted
+
+    def _is_repeated(self, call: PendingCall, sent: ClientGoalHandle) -> bool:
+        """Whether the goal of ``sent`` was sent again since, to another server."""
+        return self._goals.get(call, sent) is not sent
+
+    def _on_answer(self, call: PendingCall, sent: ClientGoalHandle, future: Any) -> None:
+        if self._is_repeated(call, sent):
+            return
         goal = future.result()
         if not goal.accepted:
             self._forget(call)
@@ -251,7 +268,9 @@ class ActionChannel(RosChannel):
             return
         self._on_known(call)
 
-    def _on_feedback(self, call: PendingCall, feedback: _Feedback, message: Any) -> None:
+    def _on_feedback(self, call: PendingCall, sent: ClientGoalHandle, feedback: _Feedback, message: Any) -> None:
+        if self._is_repeated(call, sent):
+            return
         # The answer of a server that has not discovered the client yet is lost; feedback shows that it has the goal.
         self._on_known(call)
         feedback.take(message)

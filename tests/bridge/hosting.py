@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -10,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from socialbot.bridge.environment import PROFILE_VARIABLE
 from socialbot.graph.node import Graph
 from tests.system.running import next_line
 
@@ -62,7 +64,10 @@ def has_receivers(host: Any, output: str, count: int) -> bool:
 def foreign_process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run the plain rclpy nodes of a module of tests in another process, which is killed at the end of the block."""
     command = [sys.executable, "-m", module, *arguments]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=REPOSITORY)
+    foreign = {name: value for name, value in os.environ.items() if name != PROFILE_VARIABLE}
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=REPOSITORY, env=foreign
+    )
     try:
         assert next_line(process) == "ready\n"
         yield process

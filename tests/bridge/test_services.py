@@ -300,7 +300,7 @@ class TestActions:
 
     def test_a_goal_can_be_cancelled_without_the_answer_that_it_is_accepted(self, monkeypatch):
         """A server that starts may answer before it has discovered the client, and the answer is lost."""
-        monkeypatch.setattr(ActionChannel, "_on_answer", lambda self, call, future: None)
+        monkeypatch.setattr(ActionChannel, "_on_answer", lambda *_: None)
         with foreign_servers() as process, active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(99))
             assert eventually(lambda: bool(hosted.node.seen))
@@ -311,7 +311,7 @@ class TestActions:
             assert list(result.message.sequence) == list(hosted.node.seen)
 
     def test_feedback_shows_that_a_goal_is_accepted(self, servers, monkeypatch):
-        monkeypatch.setattr(ActionChannel, "_on_answer", lambda self, call, future: None)
+        monkeypatch.setattr(ActionChannel, "_on_answer", lambda *_: None)
         with active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(4))
             assert list(only_result(hosted).message.sequence) == [4, 3, 2, 1]

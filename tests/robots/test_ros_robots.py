@@ -232,6 +232,16 @@ class TestSpeech:
                 assert eventually(lambda: states[-1:] == ["finished"])
                 assert eventually(lambda: tiago.has(tts="Two."))
 
+    def test_an_utterance_for_a_killed_tts_is_spoken_by_its_successor(self):
+        with hosted(TtsSpeaker) as speaker:
+            with robot():
+                states = self.said(speaker, "One.")
+                assert eventually(lambda: states == ["started", "finished"])
+            states = self.said(speaker, "Two.")  # the killed one is still discovered
+            with robot() as tiago:
+                assert eventually(lambda: states == ["started", "finished"])
+                assert eventually(lambda: tiago.has(tts="Two."))
+
     def test_a_topic_gets_the_text(self):
         with robot() as nao, hosted(TopicSpeaker, rate_wpm=450) as speaker:
             assert eventually(lambda: speaker._senders["text"].publisher.get_subscription_count() > 0)
