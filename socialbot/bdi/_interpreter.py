@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._annotations import Annotations
@@ -76,7 +76,7 @@ class Interpreter:
     __slots__ = (
         "_parts", "action", "begun", "beliefs", "broken_sensors", "cause", "engine", "events", "heap", "inbox",
         "intentions", "library", "messaging", "now", "others", "peers", "pool", "random", "reading", "ready",
-        "relations", "signalled", "stage", "timers", "trace", "triggers",
+        "relations", "signalled", "stage", "timers", "trace", "triggers", "unclosed",
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
@@ -102,6 +102,7 @@ class Interpreter:
         self.broken_sensors: Mapping[str, str] = _NO_SENSORS
         self.pool: Pool | None = None
         self.random: Random | None = None
+        self.unclosed: list[Generator[None, None, None]] | None = None
         waits = self.intentions.waits
         # One tuple is read faster than several attributes.
         self._parts = (
@@ -499,15 +500,35 @@ class Interpreter:
             if notes and not annotations_match(notes, rule.annotations, trail):
                 undo(trail, mark)
                 continue
-            for _ in rule.solve(self, args, trail):
-                if not closed(args) and has_unbound(args) and not self.library.is_open(key):
-                    raise RuleError(
-                        f"{rule.inference.head} follows with a variable that has no value",
-                        where=str(rule.inference.origin or rule.inference),
-                        remedy="give every variable of the head a value in the condition, or in the question",
-                    )
-                yield
+            inner = rule.solve(self, args, trail)
+            try:
+                for _ in inner:
+                    if not closed(args) and has_unbound(args) and not self.library.is_open(key):
+                        raise RuleError(
+                            f"{rule.inference.head} follows with a variable that has no value",
+                            where=str(rule.inference.origin or rule.inference),
+                            remedy="give every variable of the head a value in the condition, or in the question",
+                        )
+                    yield
+            except GeneratorExit:
+                self._close(inner)
+                raise
             undo(trail, mark)
+
+    def _close(self, solutions: Generator[None, None, None]) -> None:
+        """Close solutions of a rule that nobody asks for, and the solutions in them one after the other.
+
+        Closed by Python, each would close the next within it, in calls of C: Python 3.12 then ends the process.
+        """
+        if self.unclosed is not None:
+            self.unclosed.append(solutions)
+            return
+        waiting = self.unclosed = [solutions]
+        try:
+            while waiting:
+                waiting.pop().close()
+        finally:
+            self.unclosed = None
 
     def _compute(self, kind: type[Computed], args: Args) -> Iterable[Args]:
         computed = self.library.computed.get(kind.functor)

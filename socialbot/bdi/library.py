@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 from socialbot.bdi._inner_plans import SCOPE, flattened, is_nested
@@ -519,7 +519,7 @@ class CompiledInference:
         return self._beliefs
 
     def reset(self) -> None:
-        self.solve: Callable[..., Iterator[None]] = self._solve
+        self.solve: Callable[..., Generator[None, None, None]] = self._solve
 
     def compile(self) -> None:
         from socialbot.bdi.compiler._plans import compile_inference
@@ -527,6 +527,6 @@ class CompiledInference:
         if self.solve == self._solve:
             self.solve = compile_inference(self)
 
-    def _solve(self, *args: Any) -> Iterator[None]:
+    def _solve(self, *args: Any) -> Generator[None, None, None]:
         self.compile()
         return self.solve(*args)

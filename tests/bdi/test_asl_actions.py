@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import sys
 import threading
 import time
@@ -231,3 +232,25 @@ def test_output_has_no_control_characters(capsys: pytest.CaptureFixture[str]) ->
     engine.out = RawOutput()
     print_(engine, ("\x9b2Jfour",), Trail())
     assert capsys.readouterr().out == "[a] one?[2J??two\nthree\n?2Jfour"
+
+
+depths: list[int] = []
+"""Depth of the stack when `watched` is closed."""
+
+
+@asl_action("shop.watched", results=1)
+def watched(agent):
+    try:
+        yield 1
+    finally:
+        depths.append(len(inspect.stack(0)))
+
+
+@pytest.mark.parametrize("question", ["deep(400)", "not deep(400)"])
+def test_deep_solutions_that_are_not_needed_are_closed_one_after_the_other(question):
+    """Nested calls of C would end the process in Python 3.12."""
+    depths.clear()
+    text = f"deep(0) :- shop.watched(_).\ndeep(N) :- N > 0 & deep(N - 1).\n!go.\n+!go : {question} <- .print(yes).\n"
+    assert said(text + "+!go <- .print(no).") == ["yes" if question[0] == "d" else "no"]
+    [depth] = depths
+    assert depth < 200
