@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
-from typing import NoReturn, TypeGuard
+from typing import Any, NoReturn, TypeGuard, TypeVar
 
 from socialbot.bdi.agentspeak.lexer import (
     BINARY,
@@ -44,6 +45,9 @@ from socialbot.core.errors import RuleError
 MAX_OPERANDS = 100
 """Most operands of one expression or conjunction, whose evaluation is nested."""
 
+MAX_NESTED = 100
+"""Most parts in each other: expressions in parentheses, after ``not`` or as exponents, branches, and plans."""
+
 VARIABLE, NAME, NUMBER, STRING, QUOTED = range(1, 6)
 KINDS = {
     **dict.fromkeys("ABCDEFGHIJKLMNOPQRSTUVWXYZ_", VARIABLE),
@@ -53,6 +57,7 @@ KINDS = {
     "'": QUOTED,
 }
 _variable = lru_cache(1024)(Variable)
+T = TypeVar("T")
 
 
 class TermReader:
@@ -74,6 +79,7 @@ class TermReader:
         self.local_namespaces: dict[str, str] = {}
         self.functions: dict[tuple[str, int], str] = {}
         self.grouped: object = None
+        self._depth = 0
 
     def fail(self, expected: str, at: int | None = None, remedy: str | None = None) -> NoReturn:
         """Raise a syntax error at a token, by default the current one."""
@@ -124,7 +130,7 @@ class TermReader:
         start = self.at
         if words[start] == "not" and level <= Level.COMPARE:
             self.at += 1
-            value: object = Negation(self.as_condition(self.expression(Level.COMPARE), start + 1))
+            value: object = Negation(self.as_condition(self.nested(self.expression, Level.COMPARE), start + 1))
         else:
             value = self.primary()
             operand = level == Level.SUM and words[start - 1] in ("=", "==", "\\==")
@@ -146,13 +152,23 @@ class TermReader:
                 raise self.source.error(self.at, f"more than {MAX_OPERANDS} operands in one expression", remedy)
             value = self.joined(value, start, *operator)
 
+    def nested(self, read: Callable[..., T], *args: Any) -> T:
+        """Read a part within another one."""
+        self._depth += 1
+        if self._depth > MAX_NESTED:
+            remedy = "write the inner ones as plans or rules of their own"
+            raise self.source.error(self.at, f"more than {MAX_NESTED} parts in each other", remedy)
+        found = read(*args)
+        self._depth -= 1
+        return found
+
     def joined(self, left: object, start: int, level: int, symbol: str) -> object:
         """Join the left operand with the right one."""
         at = self.at
         self.at = after = at + 1
         if level >= Level.SUM:
             left = self.operand(left, start, at)
-            right = self.expression(level if level == Level.POWER else level + 1)
+            right = self.nested(self.expression, level) if level == Level.POWER else self.expression(level + 1)
             return Expression(symbol, left, self.operand(right, after, at))
         if level == Level.COMPARE:
             left = self.unqualified(left)
@@ -229,7 +245,7 @@ class TermReader:
             return self.signed()
         if first == "(":
             self.at += 1
-            value = self.expression(Level.OR)
+            value = self.nested(self.expression, Level.OR)
             self.skip(")", "an operator or ')'")
             self.grouped = value
             return value

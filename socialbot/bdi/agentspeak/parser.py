@@ -222,7 +222,7 @@ class Parser(TermReader):
         """Read a plan, an event, steps or a rule as a term."""
         namespace, self.namespace = self.namespace, self.own_namespace
         self.at += 1
-        found = self.in_braces()
+        found = self.nested(self.in_braces)
         self.namespace = namespace
         return found
 
@@ -426,7 +426,7 @@ class Parser(TermReader):
         then = self.block()
         otherwise: tuple[Step, ...] = ()
         if self.words[self.at] == "elif":
-            otherwise = self.if_()
+            otherwise = self.nested(self.if_)
         elif self.words[self.at] == "else":
             self.at += 1
             if self.words[self.at] == "if":
@@ -450,7 +450,7 @@ class Parser(TermReader):
     def block(self, end: str = "}") -> tuple[Step, ...]:
         """Read steps in braces, or in parentheses."""
         self.skip("{" if end == "}" else "(", "'{' before the steps")
-        body = self.body()
+        body = self.nested(self.body)
         self.skip(end, f"';' or '{end}' after a step")
         return body
 

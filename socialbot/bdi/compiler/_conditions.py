@@ -190,6 +190,7 @@ def query(
     returns the tuple of the first solution, or None. Returns the name of the function, its arguments, and the new
     variables with their states.
     """
+    f.unit.nest()
     used = sorted(((names_in(condition) | names_in(template)) & f.scope.keys()) - {"_"})
     inner = f.unit.function("q", ["ag", "trail", *(f.local(name) for name in used)], {n: f.scope[n] for n in used})
     inner.line(_MARK)
@@ -202,6 +203,7 @@ def query(
     if not f.unit.dry:
         for branch in branches:
             _branch(inner, branch, fresh=fresh, template=template, give=give)
+    f.unit.unnest()
     inner.line(_UNDO)
     if not any("trail" in text for _, text, _ in inner.lines if text not in (_MARK, _UNDO)):
         inner.lines = [line for line in inner.lines if line[1] not in (_MARK, _UNDO)]

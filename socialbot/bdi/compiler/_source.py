@@ -25,6 +25,10 @@ VALUE, CELL = "value", "cell"
 Scope = dict[str, str]
 """State, VALUE or CELL, of each variable with a local."""
 
+MAX_NESTED = 50
+"""Most conditions in each other."""
+
+_SHALLOWER = "write the inner parts as plans or rules of their own"
 _BUILTINS = {**vars(builtins), **NAMES}
 _numbers = itertools.count(1)
 
@@ -47,6 +51,7 @@ class Unit:
         self.functions: list[Function] = []
         self.constants: dict[str, Any] = {}
         self.dry = 0
+        self._depth = 0
         self._names = itertools.count(1)
 
     def name(self, prefix: str) -> str:
@@ -71,6 +76,18 @@ class Unit:
     def __exit__(self, kind: object, problem: BaseException | None, traceback: object) -> None:
         if isinstance(problem, RuleError):
             problem.where = self.title
+        elif isinstance(problem, (RecursionError, MemoryError)) or "too many" in str(problem):
+            raise RuleError("this is nested too deeply", where=self.title, remedy=_SHALLOWER) from problem
+
+    def nest(self) -> None:
+        """Begin a condition within a condition, which costs more to compile at each level."""
+        self._depth += 1
+        if self._depth > MAX_NESTED:
+            raise RuleError(f"more than {MAX_NESTED} conditions in each other", remedy=_SHALLOWER)
+
+    def unnest(self) -> None:
+        """End what `nest` began."""
+        self._depth -= 1
 
     def build(self) -> tuple[Any, dict[int, Step]]:
         """Compile the source; return the first function and the steps by line number."""

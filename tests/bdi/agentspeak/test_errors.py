@@ -21,6 +21,7 @@ from socialbot.bdi.agentspeak import (
     rules,
 )  # fmt: skip
 from socialbot.core.clock import ManualClock
+from socialbot.core.errors import RuleError
 from tests.bdi.agentspeak.programs import SLOW
 from tests.bdi.agentspeak.shape import shape
 from tests.bdi.mas import said
@@ -233,6 +234,44 @@ def test_a_long_text_is_read_or_refused_soon(unit):
 )
 def test_a_chain_of_operators_without_end_is_refused(text):
     assert "more than 100 operands" in message(text)
+
+
+def compile_plans(text):
+    engine = Engine("me", ManualClock())
+    engine.add_text(text)
+    engine.compile_plans()
+
+
+@pytest.mark.parametrize("depth", [101, 5000])
+@pytest.mark.parametrize(
+    "text",
+    [
+        lambda depth: f"!a. +!a : {'not ' * depth}p <- .print(x).",
+        lambda depth: f"q :- {'(p | ' * depth}p{')' * depth}.",
+        lambda depth: f"!a. +!a <- X = 1{' ** 1' * depth}.",
+        lambda depth: f"!a. +!a <- if (p) {{ .print(a) }}{' elif (p) { .print(b) }' * depth}.",
+        lambda depth: f"!a. +!a <- {'for (p) { ' * depth}.print(b){' }' * depth}.",
+        lambda depth: f"!a. +!a <- {'+{ +!b <- ' * depth}.print(b){' }' * depth}.",
+    ],
+)
+def test_parts_in_each_other_without_end_are_refused(text, depth):
+    begun = time.process_time()
+    with pytest.raises(AgentSpeakError, match="more than 100 parts in each other"):
+        compile_plans(text(depth))
+    assert time.process_time() - begun < 2.0
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "for (p) { " * 30 + ".print(a)" + " }" * 30,
+        "if (p) { .print(a) }" + " elif (p) { .print(b) }" * 99,
+        "?" + ".findall(Y, " * 60 + "p(Y)" + ", L)" * 60,
+    ],
+)
+def test_parts_in_each_other_that_python_cannot_compile_are_refused(body):
+    with pytest.raises(RuleError, match=r"more than 50 conditions in each other|nested too deeply"):
+        compile_plans(f"+!a <- {body}.")
 
 
 def test_the_longest_chain_of_operators_runs():
