@@ -46,7 +46,7 @@ _SHARED = 0.5  # Information of an observation: part of its error is common to t
 
 _CELLS = 48  # Heights, and pitches, of the grid.
 _ZOOM_STEPS, _ZOOM_STDS = 2.0, 6.0
-_MAX_ZOOMS = 3
+_MAX_FITS = 4  # Changes of the grid for one observation.
 _BORDER_MASS = 0.02  # Probability at the border above which the grid is too small.
 _MAX_SIGHTS, _MAX_PEOPLE = 12, 80  # Kept observations of one person, and people.
 _GAP_S, _MOVED = 0.3, 0.06  # An observation is later than this, and its box has moved by this share of its height.
@@ -254,18 +254,17 @@ class PoseEstimator:
         return np.where(below, each, np.log(1e-9))
 
     def _update(self) -> None:
-        zooms = 0
+        fits = 0
         while True:
             share = np.exp(self._total - self._total.max())
             share /= share.sum()
             by_height, by_pitch = share.sum(axis=1), share.sum(axis=0)
             height, height_std = _moments(self._logs, by_height)
             pitch, pitch_std = _moments(self._pitches, by_pitch)
-            zoomed = self._fit_grid((by_height, by_pitch), (height, height_std), (pitch, pitch_std))
-            if not zoomed or zooms == _MAX_ZOOMS:
+            cross = float((self._logs - height) @ share @ (self._pitches - pitch))
+            if fits == _MAX_FITS or not self._fit_grid((by_height, by_pitch), (height, height_std), (pitch, pitch_std)):
                 break
-            zooms += 1
-        cross = float(((self._logs - height)[:, None] * (self._pitches - pitch)[None, :] * share).sum())
+            fits += 1
         known_height, known_pitch = self.prior.height_std_m == 0, self.prior.pitch_std_rad == 0
         height_std = 0.0 if known_height else math.hypot(height_std, _COMMON_HEIGHT)
         pitch_std = 0.0 if known_pitch else math.hypot(pitch_std, _COMMON_PITCH_RAD)
@@ -285,7 +284,11 @@ class PoseEstimator:
     def _fit_grid(
         self, shares: tuple[np.ndarray, np.ndarray], height: tuple[float, float], pitch: tuple[float, float]
     ) -> bool:
-        """Zoom to the posterior where its steps are too wide, or out where it leaves the grid."""
+        """Zoom to the posterior where its steps are too wide, or out where it leaves the grid.
+
+        Returns:
+            Whether the grid has changed.
+        """
         whole = self._whole_range()
         bounds = list(whole)
         coarse = outside = False
@@ -302,12 +305,9 @@ class PoseEstimator:
             outside |= bool(share[0] > _BORDER_MASS and values[0] > low) or bool(
                 share[-1] > _BORDER_MASS and values[-1] < high
             )
-        if outside:
-            self._set_grid(*whole)
-            return False
-        if coarse:
-            self._set_grid(*bounds)
-        return coarse
+        if outside or coarse:
+            self._set_grid(*(whole if outside else bounds))
+        return outside or coarse
 
 
 def _moments(values: np.ndarray, shares: np.ndarray) -> tuple[float, float]:

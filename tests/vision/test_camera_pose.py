@@ -66,6 +66,14 @@ def test_many_people_make_the_pose_precise():
     assert pose.pitch_rad == pytest.approx(0.1, abs=0.02)
 
 
+def test_errors_of_height_and_pitch_are_consistent_where_people_move_the_estimate_far():
+    model, estimator = CameraModel.from_field_of_view(854, 480, 1.09), PoseEstimator()
+    boxes = [(334, 202, 31, 73), (116, 195, 31, 77), (651, 209, 35, 76), (301, 280, 32, 83), (798, 67, 27, 58)]
+    for number, box in enumerate([*boxes, (95, 17, 21, 50)]):
+        estimator.see(model, box, str(number), 0.0)
+        assert abs(estimator.pose.correlation) <= 1
+
+
 def test_person_who_stands_still_is_counted_once():
     model = CameraModel.from_field_of_view(640, 480, 1.3, CameraPose(height_m=1.1, pitch_rad=0.0))
     estimator, box = PoseEstimator(), box_of(model, 4.0, 0.0)
