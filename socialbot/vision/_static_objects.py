@@ -170,7 +170,7 @@ class _Motion:
 
 @dataclass(eq=False)
 class _History:
-    """Record of one track: ``still_s`` without motion, and the mean ``score`` in that time.
+    """Record of one track: ``still_s`` without motion, and the mean ``score`` of ``count`` images, most of the newest.
 
     ``look`` is the local contrast in ``box`` when it was last seen, in pixels of a `_Snapshot`, by the track ``key``.
     ``begin`` is the first box. A track that ``moved`` ``lives`` if nobody else was the cause.
@@ -183,6 +183,7 @@ class _History:
     box: np.ndarray
     look: np.ndarray
     begin: np.ndarray
+    count: int = 0
     still_s: float = 0.0
     moving_s: float = 0.0
     moved: bool = False
@@ -271,10 +272,13 @@ class StaticObjectFilter:
         was_object = history.is_object
         seconds = (now.stamp - history.stamp) / SECOND
         history.stamp = now.stamp
-        if is_turning or track.unseen_s:
+        if track.unseen_s:
+            return was_object
+        history.count += 1
+        history.score += max(_NEWS, 1 / history.count) * (track.score - history.score)
+        if is_turning:
             return was_object
         history.box, history.look = box, now.shapes[_inside(box, now.shapes.shape)]
-        history.score += _NEWS * (track.score - history.score)
         free = now.free(track.key)
         before, history.key = history.key, track.key
         free_then = then.free(track.key if track.key in then.names else before) if then else free

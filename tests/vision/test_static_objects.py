@@ -427,6 +427,26 @@ def test_turning_camera_removes_nobody():
         assert scenery.people(image, step * SECOND // 10, [track]) == (track,)
 
 
+def test_scores_count_while_the_camera_turns():
+    camera, far = Camera(), (300.0, 200.0, 24.0, 60.0)
+    camera.score = 0.35
+    for step in range(22):
+        camera.room = np.roll(ROOM, 6 * step, axis=1)
+        camera.look(person=(PERSON, far))
+        camera.score = 0.72
+    seen = [camera.look(person=(PERSON, far)) for _ in range(30)]
+    assert seen == [{"person"}] * 30, "a person whose first box was uncertain"
+
+
+def test_first_score_counts_no_more_than_later_ones():
+    camera = Camera()
+    camera.score = 0.4
+    camera.look(person=(PERSON, (300.0, 200.0, 24.0, 60.0)))
+    camera.score = 0.72
+    seen = [camera.look(person=(PERSON, (300.0, 200.0, 24.0, 60.0))) for _ in range(30)]
+    assert seen == [{"person"}] * 30
+
+
 def test_new_recording_forgets_objects():
     camera = Camera()
     camera.repeat(20, coat=(COAT, STAND))
