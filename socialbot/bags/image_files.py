@@ -20,10 +20,19 @@ SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", 
 DEFAULT_RATE_HZ = 30.0
 """Rate of a video that does not say it."""
 
+READ_DEEP = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
+"""Flags that decode a file to three channels of its own depth."""
+
 _REMEDY = "remove or replace this image"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _SCAN = b"\xff\xda"
+
+_FILLED = 0x4000  # Values of 16 bits that span so much keep their upper 8 bits.
+_LEAST_SPAN = 0x200  # Images of a smaller span show the noise of a covered camera.
+_LEAST_PIXELS = 4096  # Smaller images do not show their range.
+_TAILS = (0.2, 99.8)  # Percentiles of the range: single pixels may be defective.
+_SAMPLED_WIDTH = 160
 
 _VIDEO_MARKS = (
     *((4, name.encode()) for name in ("ftyp", "moov", "mdat", "moof", "free", "skip", "wide", "styp")),  # MP4
@@ -59,7 +68,7 @@ def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray
     if has_too_many_scans(data):
         raise ImageError(f"more than {JPEG_SCANS} scans", where=where, remedy=_REMEDY)
     try:
-        flags = cv2.IMREAD_COLOR if turned else cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        flags = READ_DEEP if turned else READ_DEEP | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error as error:
         what = too_many_pixels() if "MAX_IMAGE_PIXELS" in str(error) else f"cannot be decoded: {error.err}"
@@ -68,7 +77,28 @@ def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray
         raise ImageError("cannot be decoded", where=where, remedy=_REMEDY)
     if pixels.shape[0] * pixels.shape[1] > IMAGE_PIXELS:
         raise ImageError(too_many_pixels(), where=where, remedy=_REMEDY)
-    return pixels
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise ImageError(f"has values of type {pixels.dtype}", where=where, remedy="convert it to 8 or 16 bits")
+    return eight_bits(pixels)
+
+
+def eight_bits(values: np.ndarray) -> np.ndarray:
+    """Reduce an image of 16 bits to 8, grey or with channels in the last axis; one of 8 bits is returned unchanged.
+
+    Values that span a quarter of the range keep their upper 8 bits. Others, as of sensors of 10, 12 or 14 bits, are
+    scaled to the whole range. Those of grey images begin at the darkest pixel: thermal cameras have an offset.
+    """
+    if values.dtype == np.uint8:
+        return values
+    step = max(1, values.shape[1] // _SAMPLED_WIDTH)
+    sample = values[::step, ::step].reshape(-1, 1 if values.ndim == 2 else values.shape[2])
+    is_grey = bool((sample == sample[:, :1]).all())
+    low, high = np.percentile(sample[:, :1] if is_grey else sample, _TAILS).tolist()
+    low = low if is_grey else 0.0
+    if high - low >= _FILLED or values.shape[0] * values.shape[1] < _LEAST_PIXELS:
+        return (values >> 8).astype(np.uint8)
+    scaled = (np.arange(0x10000) - low) * (255 / max(high - low, _LEAST_SPAN))
+    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)[values]
 
 
 def is_complete_png(data: bytes) -> bool:

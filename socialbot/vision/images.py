@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from socialbot.bags.image_files import has_too_many_scans, is_complete_png
+from socialbot.bags.image_files import READ_DEEP, eight_bits, has_too_many_scans, is_complete_png
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
@@ -58,7 +58,8 @@ def bgr_from_image(image: Image) -> Pixels:
         return _from_nv24(rows, image)
     if encoding in _SIXTEEN_BITS:
         encoding = _SIXTEEN_BITS[encoding]
-        rows = np.ascontiguousarray(rows[:, 0::2] if image.is_bigendian else rows[:, 1::2])
+        deep = np.ascontiguousarray(rows).view(">u2" if image.is_bigendian else "<u2").astype(np.uint16)
+        rows = eight_bits(deep if _BYTES[encoding] == 1 else deep.reshape(image.height, image.width, -1))
     if encoding in ("bgr8", "8UC3"):
         return rows.reshape(image.height, image.width, 3)
     samples = _BYTES[encoding]
@@ -167,11 +168,12 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     pixels, why = None, ""
     try:
         if width * height:
-            pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            pixels = cv2.imdecode(data, READ_DEEP | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         why = f" ({error})"
     if pixels is None:
         raise refused(f"cannot be decoded{why}", "check that the data is what its format says")
+    pixels = eight_bits(pixels)
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if "compressed rgb" in words else pixels
 
 

@@ -99,6 +99,39 @@ def test_colours_of_sixteen_bits_are_those_of_the_upper_eight(encoding, alike, b
     np.testing.assert_array_equal(bgr_from_image(message(rows, encoding, 9, pad=3, big=big)), expected)
 
 
+@pytest.mark.parametrize(("bits", "offset"), [(8, 7000), (10, 0), (12, 0), (14, 0), (10, 29000)])
+@pytest.mark.parametrize("big", [False, True])
+def test_grey_values_of_fewer_bits_fill_the_range(bits, offset, big):
+    scene = smooth(48, 96)[..., 0].astype(np.uint16)
+    shown = (scene - scene.min()) / float(np.ptp(scene))
+    values = (offset + shown * (2**bits - 1)).astype(np.uint16)
+    values[3, 5] = 65535  # a defective pixel
+    rows = values.astype(">u2" if big else "<u2").view(np.uint8)
+    raw = bgr_from_image(message(rows, "mono16", 96, big=big))
+    file = bgr_from_compressed(compressed(encoded(".png", values), "mono16; png compressed "))
+    assert raw[3, 5, 0] == 255
+    np.testing.assert_array_equal(raw, file)
+    least = 0.9 if bits > 8 else 0.45  # half of the range: the least span is 512 values
+    assert np.corrcoef(raw[..., 0].ravel(), shown.ravel())[0, 1] > 0.98
+    assert np.ptp(np.delete(raw[..., 0].ravel(), 3 * 96 + 5)) > least * 255
+
+
+@pytest.mark.parametrize("encoding", ["rgb16", "bayer_rggb16"])
+def test_colours_of_twelve_bits_fill_the_range(encoding):
+    scene = smooth(96, 96)
+    scene = scene if encoding == "rgb16" else scene[..., 0]
+    rows = (scene.astype("<u2") << 4).reshape(96, -1)
+    deep = bgr_from_image(message(rows.view(np.uint8), encoding, 96)).astype(float)
+    flat = bgr_from_image(message(scene.reshape(96, -1), encoding.replace("16", "8"), 96)).astype(float)
+    gain = 255 / np.percentile(scene, 99.8)
+    assert np.abs(deep - np.minimum(gain * flat, 255)).mean() < 4
+
+
+def test_noise_of_a_covered_camera_of_16_bits_stays_dark():
+    values = np.random.default_rng(1).integers(0, 16, (64, 96), dtype=np.uint16)
+    assert bgr_from_image(message(values.view(np.uint8), "mono16", 96)).max() < 12
+
+
 @pytest.mark.parametrize(("encoding", "first"), [("nv12", "u"), ("nv21", "v")])
 @pytest.mark.parametrize("pad", [0, 6])
 def test_colours_in_a_plane_of_their_own_are_those_of_interleaved_ones(encoding, first, pad):
