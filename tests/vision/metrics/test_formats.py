@@ -141,6 +141,12 @@ def test_json_of_other_formats_is_not_taken_for_the_own_one(tmp_path, content):
         ("Label Studio", [{"image": "/data/upload/a.jpg", "id": 1, "label": []}]),
         ("Datumaro", {"info": {}, "categories": {}, "items": []}),
         ("Supervisely", {"description": "", "objects": [], "size": {"height": 120, "width": 160}}),
+        ("CreateML", [{"image": "a.jpg", "annotations": [{"label": "person", "coordinates": {"x": 1}}]}]),
+        ("VoTT", {"name": "hall", "assets": {"1": {"asset": {"name": "a.jpg"}, "regions": []}}}),
+        ("BDD100K", [{"name": "a.jpg", "labels": [{"category": "pedestrian", "box2d": {"x1": 1}}]}]),
+        ("JRDB", {"labels": {"000000.jpg": [{"label_id": "pedestrian:1", "box": [1, 2, 3, 4]}]}}),
+        ("EuroCity Persons", {"tags": [], "imagewidth": 160, "imageheight": 120, "children": []}),
+        ("CityPersons", {"imgHeight": 120, "imgWidth": 160, "objects": []}),
     ],
 )
 def test_labels_of_other_tools_are_refused_by_name(tmp_path, tool, content):
@@ -149,6 +155,30 @@ def test_labels_of_other_tools_are_refused_by_name(tmp_path, tool, content):
         with pytest.raises(TruthError, match=rf"no labels of a known format, but of {tool}") as caught:
             labelled_sources(tmp_path, path)
         assert "convert others to COCO" in str(caught.value.remedy)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "content"),
+    [
+        ("CrowdHuman", "annotation_val.odgt", '{"ID": "a", "gtboxes": []}'),
+        ("VisDrone", "annotations/0000001.txt", "107,12,222,620,1,1,0,0\n"),
+        ("VisDrone", "annotations/uav1_v.txt", "1,0,107,12,222,620,1,1,0,0\n"),
+        ("VisDrone", "annotations/0000001.txt", "107,12,222,620,1,1,0,0,\n"),
+        ("WiderPerson", "Annotations/000040.jpg.txt", "1\n1 107 12 329 632\n"),
+        ("WIDER FACE", "wider_face_split/wider_face_val_bbx_gt.txt", "a.jpg\n1\n1 2 3 4 0 0 0 0 0 0\n"),
+        (r"a detector \(det.txt\)", "det/det.txt", "1,-1,107,12,222,620,0.9,-1,-1,-1\n"),
+        ("Label Studio", "export.csv", "annotation_id,annotator,created_at,id,image,label\n"),
+        ("Open Images", "train/annotations-bbox.csv", "\ufeffImageID,Source,LabelName,Confidence,XMin\n"),
+        ("TensorFlow", "train/_annotations.csv", "filename,width,height,class,xmin,ymin,xmax,ymax\n"),
+        ("TensorFlow", "people.tfrecord", "x"),
+        ("Caltech Pedestrians", "set00/V000.vbb", "x"),
+        ("Supervisely", "project/ds0/ann/a.jpg.json", '{"objects": [], "size": {"height": 1, "width": 1}}'),
+    ],
+)
+def test_files_of_other_formats_are_refused_by_name_wherever_they_are(tmp_path, name, file, content):
+    write(tmp_path, {file: content}, ("images/a.jpg",))
+    with pytest.raises(TruthError, match=rf"no labels of a known format, but of {name}"):
+        labelled_sources(tmp_path)
 
 
 def test_unknown_format(tmp_path):

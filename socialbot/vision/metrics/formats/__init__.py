@@ -15,7 +15,7 @@ from socialbot.core.errors import ParameterError, TruthError, suggestion
 from socialbot.core.references import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
-from socialbot.vision.metrics.formats._xml import read_xml
+from socialbot.vision.metrics.formats._others import format_of_json, unread_format
 from socialbot.vision.metrics.formats.coco import COCO
 from socialbot.vision.metrics.formats.cvat import CVAT
 from socialbot.vision.metrics.formats.kitti import KITTI
@@ -23,7 +23,7 @@ from socialbot.vision.metrics.formats.mot import MOT
 from socialbot.vision.metrics.formats.voc import VOC
 from socialbot.vision.metrics.formats.yolo import YOLO
 from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources, with_own_names
-from socialbot.vision.metrics.truth import parse_json, read_json
+from socialbot.vision.metrics.truth import read_json
 
 __all__ = ["FORMATS", "LabelFormat", "Labels", "label_format", "labelled_images", "labelled_sources", "sniff"]
 
@@ -39,18 +39,6 @@ FORMATS = {each.name: each for each in (SOCIALBOT, COCO, MOT, KITTI, YOLO, VOC, 
 """Formats by name, in the order in which they are tried."""
 
 ARCHIVES = frozenset({".7z", ".gz", ".rar", ".tar", ".tgz", ".zip"})
-MOST_FILES = 100
-
-OTHERS: tuple[tuple[str, frozenset[str]], ...] = (
-    ("LabelMe", frozenset({"shapes", "imagePath"})),
-    ("VIA", frozenset({"_via_img_metadata"})),
-    ("VIA", frozenset({"filename", "regions"})),
-    ("Label Studio", frozenset({"annotations", "data"})),
-    ("Label Studio", frozenset({"image", "label"})),
-    ("Datumaro", frozenset({"categories", "items"})),
-    ("Supervisely", frozenset({"objects", "size"})),
-)
-"""Tools whose JSON is not read, and fields of their objects."""
 
 
 def _own_labels(path: Path, images: Path | None) -> list[LabelledSource]:
@@ -67,7 +55,7 @@ def _is_own(path: Path) -> bool:
         content = msgspec.json.decode(read_json(path))
     except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return True
-    if _tool_of(content):
+    if format_of_json(content):
         return False
     entries = content if isinstance(content, list) else []
     return path.name == LABELS_FILE or any(
@@ -80,31 +68,6 @@ def sniff(path: Path) -> str | None:
     is_folder = path.is_dir()
     known = (name for name, each in FORMATS.items() if (each.places(path) if is_folder else each.is_file(path)))
     return next(known, None)
-
-
-def _tool_of(content: object) -> str:
-    """Tool that wrote the content of a JSON file which is not read; empty if it is not known."""
-    within = content if isinstance(content, list) else content.values() if isinstance(content, dict) else ()
-    for each in (content, next(iter(within), None)):
-        if isinstance(each, dict) and "boxes" not in each:
-            for tool, fields in OTHERS:
-                if fields <= each.keys():
-                    return tool
-    return ""
-
-
-def _unread_tool(path: Path) -> str:
-    """Tool that wrote the labels in ``path``; empty if it is not known. Raises TruthError for a damaged file."""
-    places = (path, path / "annotations", path / "Annotations")
-    files = [path] if path.is_file() else sorted(file for place in places for file in place.glob("*"))[:MOST_FILES]
-    for file in files:
-        if file.suffix.lower() == ".xml":
-            read_xml(file)
-        elif file.suffix.lower() == ".json":
-            tool = _tool_of(parse_json(read_json(file), object, where=str(file), remedy="export it again"))
-            if tool:
-                return tool
-    return ""
 
 
 def label_format(name: str) -> LabelFormat:
@@ -151,12 +114,12 @@ def labelled_sources(
     if chosen is None:
         name = sniff(labels)
         if name is None:
-            tool = _unread_tool(labels)
+            other = unread_format(labels)
             expected = "; ".join(f"{each.name}: {each.expected}" for each in FORMATS.values())
             remedy = f"expected is a bag, or {expected}. Name one with --format, or convert others to COCO"
             if labels.suffix.lower() in ARCHIVES:
                 remedy = "unpack it, and give its folder"
-            raise fault(f"no labels of a known format{tool and f', but of {tool}'}", labels, remedy)
+            raise fault(f"no labels of a known format{other and f', but of {other}'}", labels, remedy)
         chosen = FORMATS[name]
     place = images if truth is not None else None
     places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]
