@@ -58,14 +58,18 @@ class Imported:
     sound_s: float = 0.0
 
 
+USUAL_FOV_DEG = 60.0
+"""Field of view that is assumed along the longer side of images, degrees."""
+
+
 @dataclass(frozen=True)
 class _ImageFormat:
-    hfov_deg: float
+    hfov_deg: float | None
     jpeg_quality: int
     width: int | None
 
     def __post_init__(self) -> None:
-        _check("hfov_deg", self.hfov_deg, 0 < self.hfov_deg < 180)
+        _check("hfov_deg", self.hfov_deg, self.hfov_deg is None or 0 < self.hfov_deg < 180)
         _check("jpeg_quality", self.jpeg_quality, 1 <= self.jpeg_quality <= 100)
         _check("width", self.width, self.width is None or 2 <= self.width <= 65500)
 
@@ -77,7 +81,8 @@ class _ImageFormat:
             height, width = max(1, round(height * self.width / width)), self.width
             pixels = cv2.resize(pixels, (width, height), interpolation=method)
         _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
-        focal = width / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+        across, seen = (max(width, height), USUAL_FOV_DEG) if self.hfov_deg is None else (width, self.hfov_deg)
+        focal = across / 2 / math.tan(math.radians(seen) / 2)
         k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
         kind = "bgr8; jpeg compressed bgr8"
         return (
@@ -93,7 +98,7 @@ def import_bag(
     camera: FrameSource | None = None,
     rate_hz: float = 10.0,
     start: int = SECOND,
-    hfov_deg: float = 60.0,
+    hfov_deg: float | None = None,
     jpeg_quality: int = 90,
     topic: str = TOPIC,
     limit_s: float | None = None,
@@ -111,7 +116,7 @@ def import_bag(
         camera: An open camera to record; it is closed at the end.
         rate_hz: Image rate of a folder, whose images are taken in natural order. A video has its own time stamps.
         start: Stamp (ns) of the first image of a folder or video.
-        hfov_deg: Horizontal field of view, for the CameraInfo.
+        hfov_deg: Horizontal field of view, for the CameraInfo; default: `USUAL_FOV_DEG` along the longer side.
         jpeg_quality: From 1 to 100.
         topic: The topic of the images.
         limit_s: The maximum duration of the import.

@@ -108,7 +108,9 @@ def import_(
     out: OutArgument,
     image_rate: Annotated[float, typer.Option(help="Image rate of a folder, Hz.")] = 10.0,
     start: Annotated[float, typer.Option(help="Stamp of the first image, s; not for a camera.")] = 1.0,
-    hfov: Annotated[float, typer.Option(help="Horizontal field of view, degrees.")] = 60.0,
+    hfov: Annotated[
+        float | None, typer.Option(help="Horizontal field of view, degrees; default: 60 along the longer side.")
+    ] = None,
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
     width: Annotated[int | None, typer.Option(help="Scale images to this width, pixels.")] = None,
     topic: Annotated[str, typer.Option(help="Topic of the images.")] = "/camera/image_raw/compressed",

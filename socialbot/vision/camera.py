@@ -37,6 +37,9 @@ _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height 
 _BENT_RAD = 0.05  # Largest change of the field of view by a lens that is nearly straight.
 _SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
+USUAL_HFOV_RAD = 1.09
+"""Field of view that is assumed where nothing is known, along the longer side of the image, rad."""
+
 UNKNOWN_HEIGHT, UNKNOWN_PITCH = 0.0, 2.0
 """Values of the parameters ``mount_height_m`` and ``pitch_rad`` of a camera whose pose is not known."""
 
@@ -146,11 +149,13 @@ class CameraModel:
     def from_field_of_view(cls, width: int, height: int, hfov_rad: float, pose: CameraPose = ASSUMED) -> CameraModel:
         """A camera with square pixels, its axis in the middle, that sees ``hfov_rad`` from left to right.
 
+        `USUAL_HFOV_RAD` is no known value: images that are higher than wide see it from top to bottom.
         Raises ParameterError when ``hfov_rad`` is not between 0 and pi.
         """
         if not 0 < hfov_rad < math.pi:
             raise ParameterError(f"{hfov_rad!r} rad is no field of view", where="hfov_rad", remedy="0 < hfov_rad < pi")
-        focal = width / 2 / math.tan(hfov_rad / 2)
+        across = max(width, height) if hfov_rad == USUAL_HFOV_RAD else width
+        focal = across / 2 / math.tan(hfov_rad / 2)
         return cls(focal, focal, width / 2, height / 2, width, height, pose)
 
     @classmethod

@@ -20,7 +20,7 @@ from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Output, Parameter
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel
 
 _USUAL_RATE_HZ = 30.0
 _FOLDER_RATE_HZ = 10.0
@@ -167,7 +167,7 @@ class Camera(Node):
     loop = Parameter(False, "restart a file or folder at its end")
     width = Parameter(0, "width of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
     height = Parameter(0, "height of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
-    hfov_rad = Parameter(1.09, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
+    hfov_rad = Parameter(USUAL_HFOV_RAD, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
     frame_id = Parameter("camera_color_optical_frame", "name of the camera's frame", fixed=True)
 
     @classmethod

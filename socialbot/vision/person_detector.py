@@ -32,6 +32,7 @@ from socialbot.vision.camera import (
     ASSUMED,
     UNKNOWN_HEIGHT,
     UNKNOWN_PITCH,
+    USUAL_HFOV_RAD,
     CameraModel,
     CameraPose,
     is_calibrated,
@@ -158,7 +159,9 @@ class PersonDetector(Node):
     person_height_m = Parameter(
         PERSON_HEIGHT_M, "mean height of adults, with shoes and hair, m", minimum=0.5, maximum=2.5
     )
-    hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
+    hfov_rad = Parameter(
+        USUAL_HFOV_RAD, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0
+    )
     depth_tolerance_s = Parameter(
         TOLERANCE_S, "largest difference of the stamps of an image and its depth or points, s", minimum=0.0, maximum=2.0
     )

@@ -83,6 +83,18 @@ def test_camera_info_once_a_second(tmp_path: Path) -> None:
     assert infos[0].k == pytest.approx((32, 0, 32, 0, 32, 24, 0, 0, 1))
 
 
+@pytest.mark.parametrize(("hfov_deg", "focal"), [(None, 50 / math.tan(math.radians(30))), (60.0, 15 * 3**0.5)])
+def test_an_unknown_field_of_view_is_along_the_longer_side(
+    tmp_path: Path, hfov_deg: float | None, focal: float
+) -> None:
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images/a.png"), np.full((100, 30, 3), 90, np.uint8))
+    import_bag(tmp_path / "images", tmp_path / "bag", hfov_deg=hfov_deg)
+    with open_bag(tmp_path / "bag") as bag:
+        (info,) = (message for _, message in bag.messages({INFO: INFO}) if isinstance(message, CameraInfo))
+    assert info.k[0] == pytest.approx(focal)
+
+
 def test_pictures_can_be_made_smaller(tmp_path: Path) -> None:
     made = import_bag(folder(tmp_path / "images"), tmp_path / "bag", width=32)
     assert (made.width, made.height) == (32, 24)

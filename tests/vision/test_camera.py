@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad, without_lens
+from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, CameraPose, lens_error_rad, without_lens
 from socialbot.vision.lens import Lens
 from socialbot.vision.motion import moved
 
@@ -133,6 +133,13 @@ def test_from_field_of_view():
     assert model.direction(0, 240)[0] == pytest.approx(0.6)
     assert model.direction(640, 240)[0] == pytest.approx(-0.6)
     assert model.fx == model.fy
+
+
+def test_upright_images_of_an_unknown_camera_have_the_lens_of_the_others():
+    across = CameraModel.from_field_of_view(1920, 1080, USUAL_HFOV_RAD)
+    upright = CameraModel.from_field_of_view(1080, 1920, USUAL_HFOV_RAD)
+    assert upright.fx == across.fx
+    assert CameraModel.from_field_of_view(1080, 1920, 0.7).hfov_rad == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize("hfov", [0.0, -1.0, math.pi, 4.0, math.nan])

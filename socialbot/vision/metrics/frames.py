@@ -19,7 +19,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.core.reading import read_bytes
-from socialbot.vision.camera import CameraModel, CameraPose, without_lens
+from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, CameraPose, without_lens
 from socialbot.vision.depth import measure_people
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.detector import clip
@@ -41,9 +41,6 @@ from socialbot.vision.metrics.truth import (
     truth_beside,
     truth_from_messages,
 )
-
-HFOV_RAD = 1.09
-"""Horizontal field of view of a bag without camera_info; that of the node `person_detector`."""
 
 Key = int | float | str
 """Id of an image or a class in a data set."""
@@ -374,7 +371,7 @@ def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
         except ImageError:
             continue
         pose = CameraPose(height_m=1.0, pitch_rad=0.0)
-        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=HFOV_RAD, pose=pose)
+        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=USUAL_HFOV_RAD, pose=pose)
         depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
         people = frame.clipped(width, height).persons
         stated = [None if each.distance_m is None else Estimate(each.distance_m, 0.0) for each in people]
