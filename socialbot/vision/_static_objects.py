@@ -207,7 +207,7 @@ class StaticObjectFilter:
         self._background = _Background(shape)
         self._histories: dict[int, _History] = {}
         self._lost: list[_History] = []
-        self._company = False  # whether anybody has moved
+        self._company = False  # whether anybody may have moved
         self._begin: int | None = None
 
     def people(
@@ -242,6 +242,7 @@ class StaticObjectFilter:
         is_turning = motion is not None and (motion.noise > _TURNED_PX or _has_turned(now, then))
         if is_turning:
             motion = None
+            self._company = True  # Nobody knows whether people move.
         keys = {track.key for track in both}
         self._lost += [each for key, each in self._histories.items() if key not in keys]
         oldest = stamp_ns - round(_PLACE_S * SECOND)

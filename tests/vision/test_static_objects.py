@@ -438,6 +438,16 @@ def test_scores_count_while_the_camera_turns():
     assert seen == [{"person"}] * 30, "a person whose first box was uncertain"
 
 
+def test_person_beside_walkers_is_kept_when_a_turning_camera_stops():
+    camera, far = Camera(), (300.0, 200.0, 24.0, 60.0)
+    camera.score = 0.5
+    for step in range(22):
+        camera.room = np.roll(ROOM, 6 * step, axis=1)
+        camera.look(person=(PERSON, far), walker=(PERSON, at(10 * step)))
+    seen = [camera.look(person=(PERSON, far), walker=(PERSON, at(400.0))) for _ in range(40)]
+    assert all("person" in each for each in seen)
+
+
 def test_first_score_counts_no_more_than_later_ones():
     camera = Camera()
     camera.score = 0.4
