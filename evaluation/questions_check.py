@@ -22,7 +22,8 @@ NEGATION = re.compile(
     r"|que depuis|ni|nadie|nada|ne|ninguna?|nunca|aún no|solo)\b|n't\b|\bn'",
     re.IGNORECASE,
 )
-_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w]|\.\d)")
+_NUMBER = re.compile(r"(?<![\w.,])\d+(?:[.,]\d+)?(?![\w]|[.,]\d)")
+"""Number as English and other languages write it."""
 _NAMED = re.compile(r"\b[A-Za-z]+_\w+|\b[a-z]+\d+\b")
 _ADDRESSED = re.compile(r"\b(you|dich|dir|vous|te)\b", re.IGNORECASE)
 CONNECTIVES = re.compile(
@@ -217,12 +218,13 @@ class Verifier:
         known += [self.trace.seconds(line) for line in lines]
         known += [float(len(line["detail"].get("steps", ()))) for line in lines]
         for shown in _NUMBER.findall(plain):
+            number = float(shown.replace(",", "."))
             if (
                 claim["kind"] in ABSENCES
-                and claim["at_s"] - ROUNDING <= float(shown) <= (claim.get("until_s") or 0.0) + ROUNDING
+                and claim["at_s"] - ROUNDING <= number <= (claim.get("until_s") or 0.0) + ROUNDING
             ):
                 continue
-            if not any(near(value, float(shown)) for value in known if value is not None) and shown not in quoted:
+            if not any(near(value, number) for value in known if value is not None) and shown not in quoted:
                 return f"states the number {shown}"
         if claim["kind"] == "did_not":
             hidden = [one for one in claim.get("persons", ()) if _NAMED.fullmatch(one) and one not in text]

@@ -58,6 +58,7 @@ def change_text(old: str, new: str) -> Callable[[dict[str, Any]], None]:
         ("When did you offer help?", change_claim("at_s", 12.5)),
         ("When did you offer help?", change_claim("what", ["Good bye!"])),
         ("When did you offer help?", change_text("11.2", "12.2")),
+        ("Wann hast du Hilfe angeboten?", change_text("11,2", "12,2")),
         ("When did you offer help?", change_text("person t1", "person t2")),
         ("When did you offer help?", change_text("offered", "never offered")),
         ("Did you offer help to t2?", change_text("only been here", "been here")),
