@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._facts import near
+from socialbot.runs.asking._facts import near, near_or_later
 from socialbot.runs.asking._plans import steps_ahead
 from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told, fitting_words
@@ -25,7 +25,7 @@ def said(scope: Scope) -> Told | None:
     if scope.question.says:
         spoken = scope.quoted(spoken, scope.question.says)
     if at_s is not None:
-        spoken = near(spoken, scope.history.stamp(at_s), NEAR_S) or (spoken[:1] if at_s == 0.0 else [])
+        spoken = _near(scope, spoken, at_s) or (spoken[:1] if at_s == 0.0 else [])
     elif scope.question.event is not None and scope.question.event.heard is not None:
         spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
     elif scope.question.ordinal is not None or not (scope.persons or scope.question.agent):
@@ -42,6 +42,14 @@ def said(scope: Scope) -> Told | None:
     return scope.joined(clauses), clauses
 
 
+def _near(scope: Scope, records: Sequence[TraceRecord], at_s: float) -> list[TraceRecord]:
+    """Return the records nearest to a time (s), or the next ones, if the question asks what came after it."""
+    stamp = scope.history.stamp(at_s)
+    if not scope.question.is_later:
+        return near(records, stamp, NEAR_S)
+    return near_or_later(records, stamp, NEAR_S, scope.facts.end_of)[:MOST_NAMED]
+
+
 def heard(scope: Scope) -> Told | None:
     """Return what people said: the words in question, or else all of it, with the reply to a single utterance."""
     found = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
@@ -54,7 +62,7 @@ def heard(scope: Scope) -> Told | None:
             return None  # "Did t1 ask you for money?": nobody said that word
         found = fitting_words(found, scope.question.says)
     if scope.question.at_s is not None:
-        found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
+        found = _near(scope, found, scope.question.at_s)
     elif scope.question.ordinal is not None:
         found = [one for one in [scope.numbered(found)] if one is not None]
     clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
@@ -143,6 +151,8 @@ def doing(scope: Scope) -> Told | None:
     under_way = [each for each in deeds if each.stamp <= stamp and _is_under_way(scope, each, stamp)]
     if not under_way and scope.question.at_s is not None:
         under_way = [each for each in near(deeds, stamp, 1.0) if each.stamp <= scope.now]
+    if not under_way and scope.question.is_later:
+        under_way = [each for each in deeds if stamp < each.stamp <= scope.now][:MOST_NAMED]
     if under_way:
         return _listed_deeds(scope, under_way)
     before = [each for each in deeds if each.stamp <= stamp]

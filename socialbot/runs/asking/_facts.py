@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,8 @@ from socialbot.runs.history import History
 
 GAP_S = 3.0
 """A shorter absence does not end a visit."""
+ROUNDED_S = 0.5
+"""What a time in whole seconds leaves open."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,12 @@ class Facts:
     def arrivals(self) -> list[str]:
         """The detected people in order of their first arrival."""
         return list(dict.fromkeys(each.person for each in self.visits))
+
+    @cached_property
+    def departures(self) -> list[str]:
+        """The detected people in order of their last departure."""
+        left = {each.person: each.last.stamp for each in self.visits}
+        return sorted(left, key=left.__getitem__)
 
     def frame(self, stamp: int) -> TraceRecord | None:
         """Return the newest detections up to ``stamp``."""
@@ -185,6 +193,15 @@ def persons_in(record: TraceRecord) -> list[str]:
     if record.kind != "detection":
         return []
     return [str(each["track_id"]) for each in record.detail.get("persons", ()) if each.get("track_id")]
+
+
+def near_or_later(
+    records: Sequence[TraceRecord], stamp: int, within_s: float, ends: Callable[[TraceRecord], TraceRecord | None]
+) -> list[TraceRecord]:
+    """Return the records that were under way at ``stamp`` or began nearest to it, or else all that began later."""
+    begun = stamp - nanoseconds(ROUNDED_S)
+    timely = [each for each in records if each.stamp >= begun or ((end := ends(each)) and end.stamp >= begun)]
+    return near(timely, stamp, within_s) or [each for each in timely if each.stamp >= begun]
 
 
 def near(records: Sequence[TraceRecord], stamp: int, within_s: float) -> list[TraceRecord]:

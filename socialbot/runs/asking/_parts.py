@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from socialbot.core.clock import nanoseconds
@@ -65,6 +65,8 @@ _MOST_BETWEEN = 2
 """Most words between the parts of a verb: ``leave anyone out``."""
 _BECOMING = {"go", "fall", "turn", "grow"}
 """Verbs before a state: ``go idle``."""
+_BEFORE_DEPARTURE = {"to", "who", "that", "der", "die", "zu", "qui", "a", "que", "en"}
+"""Words between a person and the verb of leaving that describes them: ``the first person to leave``."""
 _LEXICON_WORD = 7
 """Least length of a mistyped word that is spelled as the lexicon has it: shorter ones resemble too many."""
 _LONG = 5
@@ -210,12 +212,15 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         if stem(reading.words[place]) in kinds and not "".join(reading.words[place + 1 : place + 2]).isdigit():
             reading.found.setdefault("kind", []).append((1.0, (place,)))
             reading.taken.add(place)
+    leaves = tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes")
+    if person is not None and person.ordinal is not None and leaves and _is_by_departure(reading, person.ordinal):
+        person = replace(person, leaves=True)
     question = Question(
-        None, language.code, (), person, "", "", things, at_s, ago, span_s, ordinal,
+        None, language.code, (), person, "", "", things, at_s, ago, reading.is_later, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
-        leaves=tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes"),
+        leaves=leaves,
         about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
         unknown=tuple(reading.words[place] for place in reading.free()),
@@ -233,6 +238,13 @@ def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int])
     asking = {one[0] for name in ("who", "what", "which") for one in phrases[name] if len(one) == 1}
     others = {word for name in ("being", "article") for phrase in phrases[name] for word in phrase}
     return not asking.isdisjoint(before) and (asking | others).issuperset(before)
+
+
+def _is_by_departure(reading: Reading, ordinal: int) -> bool:
+    """Return whether people are counted as they leave: ``the last visitor left``, ``the first person to leave``."""
+    leaving = {one[0] for one in reading.language.phrases["leaves"] if len(one) == 1}
+    words = reading.words
+    return ordinal < 0 or any(words[n] in leaving and words[n - 1] in _BEFORE_DEPARTURE for n in range(1, len(words)))
 
 
 def _release_deeds(reading: Reading, subjects: Subjects) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -36,6 +37,7 @@ class Question:
         agent_kind: Kind of the agents that acted, of ``which carrier``; empty for any.
         things: Names in it, such as box_a1, with the word before each, such as "to".
         at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
+        is_later: Whether it asks what came after that time: ``after 50 s``.
         span_s: Span of time in it; with a negative begin it ends at the time of the question.
         ordinal: Which time a deed was done: 1 for the first, -1 for the last.
         is_past: Whether it asks about the past.
@@ -75,6 +77,7 @@ class Question:
     things: Mapping[str, str] = field(default_factory=dict)
     at_s: float | None = None
     ago: bool = False
+    is_later: bool = False
     span_s: tuple[float, float] | None = None
     ordinal: int | None = None
     is_past: bool = False
@@ -128,7 +131,12 @@ class Event:
 
 
 def with_time(question: Question, now_s: float) -> Question:
-    """Return a question with a time that counts back as a time of the run; it is negative before the run."""
+    """Return a question with a time that counts back as a time of the run; it is negative before the run.
+
+    Whether or how often something was done after a time is asked for all of the time after it.
+    """
+    if question.is_later and question.at_s is not None and question.kind in ("count", "did", "who"):
+        return replace(question, at_s=None, span_s=(question.at_s, math.inf))
     if question.span_s is not None and question.span_s[0] < 0.0:
         question = replace(question, span_s=(max(0.0, now_s + question.span_s[0]), now_s))
     if not question.ago or question.at_s is None:

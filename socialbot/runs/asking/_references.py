@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
@@ -31,6 +32,7 @@ class PersonReference:
     """People in a question.
 
     They are the speaker (``me``), one by order of arrival or by time, those with names, or those who were ``together``.
+    ``leaves`` counts them by order of departure: ``the last person to leave``.
     """
 
     me: bool = False
@@ -38,6 +40,7 @@ class PersonReference:
     at_s: float | None = None
     names: tuple[str, ...] = ()
     together: bool = False
+    leaves: bool = False
 
 
 @dataclass
@@ -48,6 +51,8 @@ class Reading:
     words: list[str]
     taken: set[int] = field(default_factory=set)
     found: dict[str, list[tuple[float, tuple[int, ...]]]] = field(default_factory=dict)
+    is_later: bool = False
+    """Whether its time is that after which something was done: ``after 50 s``."""
 
     def has(self, *names: str) -> bool:
         return any(self.found.get(name) for name in names)
@@ -109,6 +114,7 @@ def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool,
         elif ":" not in words[n] and (before,) not in phrases["at"]:
             continue
         first, last = min(places), max(places)
+        reading.is_later = words[_word_in_front(words, first)] in _LATER
         behind = reading.language.code == "en"  # "bei Sekunde 12 vor dir"
         ago = any(
             one == tuple(words[last + 1 : last + 1 + len(one)] if behind else words[max(0, first - len(one)) : first])
@@ -168,6 +174,13 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
             begin_unit = units[words[end]]
             places, end = {*places, end}, end + 1
         second = number_at(words, end + 1) if end + 1 < len(words) and words[end] in _TO else None
+        begin = n - 1 if words[n - 1] in units and not begin_unit else n
+        unit = begin_unit or (units[words[begin]] if begin < n else 0.0)
+        since = _word_in_front(words, begin)
+        if unit and second is None and words[since] in _SINCE:
+            reading.taken |= {*places, *range(since, n)}
+            is_back = words[since] in _SINCE_BACK and begin == n  # "seit 20 Sekunden" are the last 20 s
+            return (-first[0] * unit, 0.0) if is_back else (first[0] * unit, math.inf)
         if second is None or words[n - 1] not in _FROM:
             continue
         last = end + 1 + second[1]
@@ -180,8 +193,24 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
 
 
 _FROM = {"between", "from", "zwischen", "von", "entre", "de", "desde"}
+_SINCE = {"since", "seit", "ab", "depuis", "desde", "partir"}
+_SINCE_BACK = {"seit", "depuis"}
+"""Words for a time up to now before a number of seconds: ``seit 20 Sekunden``."""
+_LATER = {"after", "nach", "apres", "tras", "despues"}
+_BEFORE_TIME = {"the", "der", "la", "les", "los", "las", "el", "de", "des", "del"}
+"""Words between a preposition and a time: ``después de los 50 segundos``."""
 _UNTIL = {"before", "until", "till", "by", "bis", "avant", "hasta"}
 _TO = {"and", "to", "until", "till", "und", "bis", "et", "a", "y", "hasta"}
+
+
+def _word_in_front(words: Sequence[str], time: int) -> int:
+    """Return the place of the preposition in front of a time."""
+    place = max(0, time - 1)
+    while place and words[place] in _BEFORE_TIME:
+        place -= 1
+    return place
+
+
 _ALIKE_ORDINAL = 0.79
 _WHOLE = 0.999
 _MOST_IN_ORDER = 20

@@ -281,7 +281,7 @@ class Scope:
         if reference.together:
             return self._together()
         if reference.ordinal is not None:
-            arrivals = [one for one in facts.arrivals if self._came(one)]
+            arrivals = [one for one in (facts.departures if reference.leaves else facts.arrivals) if self._came(one)]
             place = reference.ordinal - 1 if reference.ordinal > 0 else reference.ordinal
             return arrivals[place : place + 1 or None][:1] or [NOBODY]
         if reference.at_s is not None:

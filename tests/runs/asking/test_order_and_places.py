@@ -418,3 +418,57 @@ def test_what_the_robot_should_have_done_is_unknown(visits, question):
 )
 def test_verbs_of_order_tell_what_was_before_or_after(kitchen, question, expected):
     assert calls(answer(kitchen, question)) == [expected]
+
+
+@pytest.fixture(scope="module")
+def outlasted() -> RunView:
+    """Three visitors: t2 comes after t1 and leaves last, t3 comes last and leaves before t2."""
+    places = {"t1": (2.0, 14.0), "t2": (20.0, 36.0), "t3": (24.0, 29.0)}
+    return run_of(
+        lambda at_s: (person(name, 3.0) for name, (begin, end) in places.items() if begin <= at_s < end), 45.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("question", "found"),
+    [
+        ("When did the last person leave?", "t2"),
+        ("Which of the visitors was the last to leave?", "t2"),
+        ("Who was the first person to leave?", "t1"),
+        ("Who was the second person to leave?", "t3"),
+        ("When did the second visitor leave?", "t2"),
+        ("Wann ist der letzte Besucher gegangen?", "t2"),
+        ("Wer war die zweite Person, die gegangen ist?", "t3"),
+        ("Quand le dernier visiteur est-il parti ?", "t2"),
+        ("¿Cuándo se fue la última persona?", "t2"),
+        ("Who was the last person to arrive?", "t3"),
+        ("How long did the last visitor stay?", "t3"),
+    ],
+)
+def test_people_who_leave_are_counted_in_order_of_departure(outlasted, question, found):
+    assert [clause.claim.persons for clause in answer(outlasted, question).clauses] == [(found,)]
+
+
+@pytest.mark.parametrize(
+    ("question", "begins"),
+    [
+        ("What did you do after 30 seconds?", [37.9]),
+        ("Was hast du nach 30 Sekunden gemacht?", [37.9]),
+        ("Qu'est-ce que tu as fait après 30 secondes ?", [37.9]),
+        ("¿Qué hiciste después de los 30 segundos?", [37.9]),
+        ("What did you do after 20 seconds?", [20.2]),
+        ("What did you say after 15 seconds?", [20.2, 24.2, 28.2]),
+        ("What did you do after 17 seconds?", [20.2, 24.2, 28.2, 37.9]),
+        ("What did you do since 30 s?", [37.9]),
+        ("Was hast du seit Sekunde 30 getan?", [37.9]),
+        ("Was hast du ab Sekunde 30 getan?", [37.9]),
+        ("Qu'as-tu fait à partir de la seconde 30 ?", [37.9]),
+        ("¿Qué has hecho desde el segundo 30?", [37.9]),
+        ("Was hast du seit 20 Sekunden getan?", [28.2, 37.9]),
+        ("Did you greet anybody after 15 seconds?", [24.2]),
+        ("Who was here after 22 s?", [20.0, 24.0]),
+    ],
+)
+def test_what_came_after_a_time_is_told(outlasted, question, begins):
+    found = answer(outlasted, question)
+    assert [clause.claim.at_s for clause in found.clauses] == begins, found.text
