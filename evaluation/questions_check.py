@@ -521,6 +521,16 @@ class Verifier:
         }
         return "" if len(came) == claim["value"] else f"{len(came)} people were here"
 
+    def _count_heard(self, claim: Line, lines: Sequence[Line]) -> str:
+        told = [
+            line for line in self.trace.lines
+            if line["kind"] == "hearing" and claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
+            and line["detail"].get("person") in (claim.get("persons") or (line["detail"].get("person"),))
+        ]  # fmt: skip
+        if claim.get("what"):
+            told = [line for line in told if line in lines]
+        return "" if len(told) == claim["value"] == len(lines) else f"it was {len(told)} times"
+
     def _nothing_wanted(self, claim: Line, lines: Sequence[Line]) -> str:
         open_goals: dict[str, Line] = {}
         for line in self.trace.lines:

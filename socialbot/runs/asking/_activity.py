@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import near, near_or_later
 from socialbot.runs.asking._plans import steps_ahead
 from socialbot.runs.asking._question import NEAR_S
@@ -21,16 +22,18 @@ def said(scope: Scope) -> Told | None:
     deeds = [each for each in scope.subjects.deeds if scope.subjects.words_said(each)]
     spoken = [each for each in deeds if each.stamp <= scope.now] or deeds
     spoken = scope.in_time(scope.of_persons(each for each in spoken if scope.is_meant(each)))
-    at_s = scope.question.at_s
+    at_s, event = scope.question.at_s, scope.question.event
     if scope.question.says:
         spoken = scope.quoted(spoken, scope.question.says)
     if at_s is not None:
         spoken = _near(scope, spoken, at_s) or (spoken[:1] if at_s == 0.0 else [])
-    elif scope.question.event is not None and scope.question.event.heard is not None:
-        spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
+    elif event is not None and event.heard is not None:
+        spoken = spoken[:1] if event.relation != "before" else spoken[-1:]  # the reply
+    elif event is not None and event.relation == "after" and scope.question.ordinal is None:
+        spoken = spoken[: 1 if event.is_near else MOST_NAMED]
     elif scope.question.ordinal is not None or not (scope.persons or scope.question.agent):
         spoken = [one for one in [scope.numbered(spoken)] if one is not None]
-    event, deed = scope.question.event, scope.event_deed
+    deed = scope.event_deed
     if not spoken and event is not None and event.relation == "when" and deed is not None:
         spoken = [deed] if scope.subjects.words_said(deed) else []  # "when you asked Ann in": those words
     if not spoken and (scope.question.things or scope.question.says):
@@ -65,10 +68,14 @@ def heard(scope: Scope) -> Told | None:
         found = _near(scope, found, scope.question.at_s)
     elif scope.question.ordinal is not None:
         found = [one for one in [scope.numbered(found)] if one is not None]
+    elif scope.question.event is not None and scope.question.event.is_near:
+        found = found[-1:] if scope.question.event.relation == "before" else found[:1]
     clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
     if len(found) == 1:
         replies = (
-            each for each in scope.subjects.deeds if each.kind == "utterance" and found[0] in scope.history.before(each)
+            each
+            for each in scope.subjects.deeds
+            if each.kind == "utterance" and scope.facts.heard_before(each) is found[0]
         )
         clauses += [scope.speech.did(each, None) for each in [next(replies, None)] if each is not None]
     return (scope.joined(clauses), clauses) if clauses else None
@@ -87,6 +94,29 @@ def _is_reported(scope: Scope, utterance: TraceRecord) -> bool:
     content = {stem(word) for word in question.says if word not in language.known_words} - names
     asked = {stem(word) for word in question.says[:1]}
     return bool(content) and content | asked <= said
+
+
+def count_heard(scope: Scope) -> Told | None:
+    """Return how often people spoke, or asked something, and what they said."""
+    told = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
+    told = [each for each in told if not scope.persons or each.detail.get("person") in scope.persons]
+    if scope.question.asks:
+        told = [each for each in told if _is_question(each)]
+    if not told:
+        return None
+    begin_s, end_s = (0.0, scope.now_s) if scope.question.event is None else scope.span()
+    text = scope.speech.say("times_one") if len(told) == 1 else scope.speech.say("times", count=len(told))
+    claim = Claim(
+        "count_heard", at_s=begin_s, until_s=end_s, persons=tuple(scope.persons), value=float(len(told)),
+        what=("?",) if scope.question.asks else (),
+    )  # fmt: skip
+    shown = [scope.speech.heard(each) for each in told[:MOST_NAMED]]
+    return f"{text}: {scope.joined(shown)}", [Clause(text, tuple(each.id for each in told), claim), *shown]
+
+
+def _is_question(utterance: TraceRecord) -> bool:
+    language = LANGUAGES.get(str(utterance.detail.get("language")), ENGLISH)
+    return "?" in utterance.what or is_question(tokens(utterance.what), language)
 
 
 def heard_as(scope: Scope) -> Told | None:

@@ -14,7 +14,7 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
-from socialbot.runs.asking._activity import ahead, doing, failed, heard, heard_as, said
+from socialbot.runs.asking._activity import ahead, count_heard, doing, failed, heard, heard_as, said
 from socialbot.runs.asking._beliefs import believed, placed
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
@@ -272,7 +272,7 @@ class _Answering(Whether):
         ):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.by_people:
-            found = heard_as(self)
+            found = count_heard(self) if self.topic is None else heard_as(self)
         else:
             found = self._contrasted(
                 _TOLD[question.kind](self) if question.kind in _TOLD else getattr(self, f"_{question.kind}")()

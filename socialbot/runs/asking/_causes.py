@@ -17,11 +17,17 @@ _OWN = {"plan", "goal", "action", "step", "utterance"}
 
 
 def reasons(speech: Speech, deed: TraceRecord) -> list[Clause]:
-    """Return why a deed was done: its place in a plan, the belief that it came from, or its nearest known cause."""
+    """Return why a deed was done.
+
+    That is its place in a plan, what a person said, the belief that it came from, or its nearest known cause.
+    """
     facts = speech.facts
     planned = _place_in_plan(speech, deed)
     if planned:
         return planned
+    heard = facts.heard_before(deed)
+    if heard is not None:
+        return [speech.heard(heard)]
     trigger = facts.trigger(deed)
     if trigger is not None:
         held = next((each for each in facts.beliefs if each.record is trigger), None)
@@ -95,13 +101,13 @@ def contrast(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | 
     """Return what was different before.
 
     At the deed before, the belief that this one came from was not held; or the plan had a step to finish first. None if
-    no sentence says so, or nothing was done before.
+    no sentence says so, nothing was done before, or somebody asked for it.
     """
     facts = speech.facts
     if deed.kind == "step":
         return _step_before(speech, deed, subjects)
     trigger = facts.trigger(deed)
-    if trigger is None:
+    if trigger is None or facts.heard_before(deed) is not None:
         return None
     agent = record_agent(facts.history, deed)
     before = [

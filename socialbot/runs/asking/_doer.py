@@ -57,6 +57,8 @@ class _Clause:
             return True
         if is_robot_you and self._at(voices.passive | voices.receive) and self._is_robot_patient():
             return True
+        if any(self.words[n] in voices.first for n in self.deed):
+            return True  # "¿Qué fue lo último que dije?"
         code = self.reading.language.code
         # English "was" and "is" are also other verbs.
         also_other = self.reading.language.auxiliaries if code == "en" else frozenset()
@@ -122,7 +124,12 @@ class _Clause:
     # People as subjects
 
     def _is_english_subject(self, verb: int | None) -> bool:
-        """Return whether certain people are between the auxiliary and the verb: ``did t1 greet``, ``did I greet``."""
+        """Return whether certain people are between the auxiliary and the verb: ``did t1 greet``, ``did I greet``.
+
+        They may also be the subject of a relative clause: ``the last thing I said``.
+        """
+        if any(map(self._is_relative_subject, self.deed)):
+            return True
         if verb is None or verb not in self.deed:
             return False
         start = max((n for n in range(verb) if self.words[n] in self.reading.language.auxiliaries), default=verb)
@@ -131,6 +138,21 @@ class _Clause:
         return bool((self.people | mine).intersection(subject)) and not {*self._at(self.voices.you)}.intersection(
             subject
         )
+
+    def _is_relative_subject(self, verb: int) -> bool:
+        """Return whether a verb of saying is right behind people, in front of whom is no auxiliary."""
+        first = {n for n in self.reading.places("me") if self.words[n] in ("i", "we")}
+        people = {*self.people, *self.reading.places("people")} | first
+        begin = verb
+        while begin and begin - 1 in people:
+            begin -= 1
+        if verb not in self.reading.places("say") or begin == verb:
+            return False
+        phrases = self.reading.language.phrases
+        describing = {one for name in ("article", "first", "last", "ordinals") for one in phrases[name]}
+        while begin and (self.words[begin - 1],) in describing:
+            begin -= 1
+        return begin > 0 and self.words[begin - 1] not in self.reading.language.auxiliaries
 
     def _is_german_subject(self) -> bool:
         third = [n for n in self._at(self.voices.third) if not self._is(n + 1, {"sie"})]  # "Haben Sie t1 begrüßt?"

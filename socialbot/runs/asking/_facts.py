@@ -13,6 +13,8 @@ from socialbot.runs.history import History
 
 GAP_S = 3.0
 """A shorter absence does not end a visit."""
+_WITH_CONTENT = 2
+"""Arguments of a belief about what a person said without its content: the person and the intent."""
 ROUNDED_S = 0.5
 """What a time in whole seconds leaves open."""
 
@@ -144,6 +146,31 @@ class Facts:
                 break
         return last
 
+    def heard_before(self, deed: TraceRecord) -> TraceRecord | None:
+        """Return the utterance of a person that a deed responds to.
+
+        It is in the chain of causes, or its belief has the arguments of a goal there: ``Respond("t1", "directions",
+        ["library"])`` within a longer turn responds to ``heard("t1", "directions", ["library"])``.
+        """
+        chain = list(self.history.before(deed))
+        contents = {each.what.partition("(")[2] for each in chain if each.kind == "goal"}
+        for stamp, content, hearing in reversed(self._heard_contents):
+            if stamp <= deed.stamp and (content in contents or hearing in chain):
+                return hearing
+        return None
+
+    @cached_property
+    def _heard_contents(self) -> list[tuple[int, str, TraceRecord]]:
+        """Times, arguments and utterances of the beliefs that came from what people said, in order of time."""
+        heard = (
+            (each.stamp, each.what.partition("(")[2], hearing)
+            for each in self.history
+            if each.kind == "belief" and len(arguments_of(each.what)) > _WITH_CONTENT
+            for hearing in self.history.before(each)
+            if hearing.kind == "hearing"
+        )
+        return sorted(heard, key=lambda each: each[0])
+
     def intents(self, hearing: TraceRecord) -> list[str]:
         """Return what an utterance of a person was understood as: the intents of the beliefs that came from it."""
         percepts = [each for each in self.history.effects(hearing) if each.kind == "percept"]
@@ -170,6 +197,11 @@ class Facts:
         ends = (each for each in self.history.effects(deed) if each.kind in ("step_end", "action_end", "speech"))
         over = (each for each in ends if each.kind != "speech" or each.what not in ("started", "waiting"))
         return min(over, key=lambda each: each.stamp, default=None)
+
+    def over(self, deed: TraceRecord) -> TraceRecord | None:
+        """Return the record of the end of a deed, which may be a goal that was achieved; None if it is not known."""
+        ends = self.history.effects(deed) if deed.kind in ("goal", "desire") else []
+        return next((each for each in ends if each.kind in ("achieved", "desire_fulfilled")), self.end_of(deed))
 
     def has_failed(self, goal: str, stamp: int) -> bool:
         """Return whether a goal, by the id of its record, had failed by ``stamp``; its failure plan may go on."""

@@ -144,10 +144,13 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     }
     own = [code for code in codes if exact[code] == max(exact.values())]
     names = names_in(text, own, subjects)
+    as_written = names.union(quoted)
     return [
         each
         for code in own
-        for each in _candidates(prepared(words, names, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code])
+        for each in _candidates(
+            prepared(words, as_written, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code]
+        )
         if each.question.kind is None or names <= {*each.question.says}
     ]
 
@@ -326,6 +329,9 @@ def _places_of(found: Found) -> Set[int]:
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
     says, places = _words_said(found, quoted, subjects)
+    telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
+    are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
+    are_subjects = are_tellers and bool(subjects.heard_stems) and (found.verb is None or found.verb in telling)
     for deed in (
         each
         for each in found.deeds
@@ -336,6 +342,14 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
         )
     ):
         if _says_another(deed, found, says, subjects):
+            continue
+        if are_subjects and deed.places.isdisjoint(telling):
+            if any(
+                (found.reading.words[n],) in found.reading.language.phrases["replies"] for n in telling
+            ):  # "What did I reply to your offer?"
+                offer = replace(found.question, topics=(deed.topic,), person=None)
+                event = Event("after", offer, leaves=False, is_near=True)
+                yield Candidate(replace(found.question, kind="heard", event=event, unknown=()), found, None, 0)
             continue
         asked = _kinds(found, deed)
         unknown = [place for place in found.reading.free() if place not in deed.places]
@@ -358,8 +372,6 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
     agent, _ = min(found.agents, key=lambda each: each[1], default=("", 0))
     others = {name: found.reading.words[max(0, place - 1)] for name, place in found.agents if name != agent}
     question = replace(found.question, agent=agent, things={**found.question.things, **others})
-    telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
-    are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
     asked -= {"said"} if are_tellers else set()
     words, voices = found.reading.words, found.reading.language.voices
     is_teller = bool(voices.you.intersection(words)) or any(voices.second.fullmatch(words[n]) for n in telling)
@@ -377,6 +389,8 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
             is_quoted = bool(says) and are_tellers and not found.reading.has("what")
             heard = says if is_quoted else _words_heard(found, subjects)
             one = replace(one, says=heard, unknown=tuple(word for word in one.unknown if word not in heard))
+        elif kind == "count" and are_tellers and subjects.heard_stems:
+            one = replace(one, by_people=True)  # "How often did I speak?"
         elif kind == "said" and asks and says and not _EVENTS.intersection(says) and subjects.is_quoted(says):
             # "What did you say about the library?"
             left = tuple(words[place] for place in found.reading.free() if place not in places)

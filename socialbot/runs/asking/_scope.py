@@ -87,7 +87,15 @@ class Scope:
         """Return the language of the question, or English if the deed has no sentences in it."""
         code = self.question.language
         deed = self.topic.declared if self.topic is not None else None
-        return code if self.topic is None or (deed is not None and code in deed.did) else "en"
+        is_told = self.topic is None or (deed is not None and code in deed.did)
+        return code if is_told or (self.topic is not None and self._only_says(self.topic)) else "en"
+
+    def _only_says(self, topic: Topic) -> bool:
+        """Return whether the answer tells words that were said, which each language has a sentence for."""
+        question, done = self.question, self.subjects.done(topic)
+        is_anywhere = question.at_s is None and question.span_s is None and question.event is None
+        is_told = question.kind in ("when", "why", "count") and is_anywhere and not (question.things or question.person)
+        return is_told and bool(done) and all(self.subjects.words_said(each) for each in done)
 
     def _speech(self, you: str, asked_at_s: float | None) -> Speech:
         agents = [self.agent] if self.agent else list(self.history.agents)
@@ -176,7 +184,7 @@ class Scope:
         if event.what.topics or event.what.things or event.what.agent:
             if self.event_deed is None:
                 return None
-            end = self.facts.end_of(self.event_deed) if event.relation == "after" else None
+            end = self.facts.over(self.event_deed) if event.relation == "after" else None
             return self.history.seconds((end or self.event_deed).stamp)
         stays = [one for one in self.facts.visits if one.first.stamp <= self.now]
         if not event.what.about_all:

@@ -19,7 +19,8 @@ from socialbot.runs.why import call_of
 
 ClaimKind = Literal[
     "did", "did_not", "said", "said_not", "believed", "not_believed", "percept", "wanted", "planned", "asked",
-    "rejected", "chose", "saw", "saw_nobody", "here", "nobody_here", "count", "count_people", "nothing_wanted",
+    "rejected", "chose", "saw", "saw_nobody", "here", "nobody_here", "count", "count_people", "count_heard",
+    "nothing_wanted",
     "message", "outside", "heard", "failed", "nothing_failed", "took", "plan_ended", "not_named",
     "step", "step_count",
 ]  # fmt: skip

@@ -51,7 +51,7 @@ _PARTS = (
     "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
     "comes", "leaves", "waits", "auxiliary",
     "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical", "qualified",
-    "left out", "between", "to", "from", "article", "asks", "being", "at place",
+    "left out", "between", "to", "from", "article", "asks", "replies", "being", "at place",
     "step", "replan", "called",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""

@@ -472,3 +472,25 @@ def test_people_who_leave_are_counted_in_order_of_departure(outlasted, question,
 def test_what_came_after_a_time_is_told(outlasted, question, begins):
     found = answer(outlasted, question)
     assert [clause.claim.at_s for clause in found.clauses] == begins, found.text
+
+
+def test_what_came_after_a_goal_came_after_its_end():
+    seconds = {"goal": 5, "asked": 5, "achieved": 9, "thanked": 9}
+    run = RunView(
+        None,
+        History(
+            [
+                record_of("goal", "closed()", seconds["goal"], "goal-1"),
+                record_of("action", 'say("Please close the door.")', seconds["asked"], "say-1", cause="goal-1"),
+                record_of("achieved", "closed()", seconds["achieved"], "end-1", cause="goal-1"),
+                record_of("action", 'say("Thank you.")', seconds["thanked"], "say-2"),
+            ]
+        ),
+        None,
+    )
+    found = answer(run, "What did you say after the door was closed?")
+    assert [clause.claim.at_s for clause in found.clauses] == [4.0], found.text
+
+
+def record_of(kind: str, what: str, at_s: int, name: str, cause: str = "") -> TraceRecord:
+    return TraceRecord(stamp=at_s * SECOND, id=name, source="guard", kind=kind, what=what, cause=cause)

@@ -109,6 +109,7 @@ ENGLISH = Language(
             "utterances,answer,answered,respond,responded"
         ),
         "hear": "hear,heard,overhear,overheard",
+        "replies": "reply,replied,answer,answered,respond,responded",
         "asks": "ask,asked,asking,request,requested",
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"

@@ -55,6 +55,7 @@ FRENCH = Language(
             "repondait,raconte,parlais,parlait,parles,parlez,mentionne,demande,demandes,demandais"
         ),
         "hear": "entendu,entends,entendais,entendre",
+        "replies": "repondu,repondis,repondit,reponds,repond,repondre",
         "asks": "demande,demandes,demandais,demander,prie",
         "here": (
             "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"

@@ -59,6 +59,7 @@ GERMAN = Language(
             "gefragt,fragtest,fragte,gebeten,batest,bat,erwahnt,erwahntest"
         ),
         "hear": "gehort,hortest,horst,hore,hort,hast gehort,vernommen",
+        "replies": "geantwortet,antwortete,antwortetest,antworte,antwortet,erwidert,erwiderte",
         "asks": "gefragt,fragtest,fragte,fragen,gebeten,batest,bat,bitten,verlangt",
         "here": (
             "hier,da,gekommen,kam,kamen,besucht,anwesend,vorbei,vorbeigekommen,aufgetaucht,dort,gegangen,geblieben,"

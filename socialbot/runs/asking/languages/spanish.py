@@ -45,9 +45,11 @@ SPANISH = Language(
         "say": (
             "dices,dijiste,decir,dicho,hablaste,frase,palabras,dijo,dijeron,dijisteis,dice,dicen,decia,decias,hablo,"
             "hablaron,hablado,hablabas,contestaste,contesto,respondiste,respondio,contaste,conto,contado,preguntaste,"
-            "pregunto,preguntado,pediste,pidio,pedido,mencionaste,explicaste,explico,dije,pregunte"
+            "pregunto,preguntado,pediste,pidio,pedido,mencionaste,explicaste,explico,dije,pregunte,"
+            "hable,respondi,conteste,pedi"
         ),
         "hear": "oiste,oyes,oido,oias,oir,escuchaste,escuchado,escuchas",
+        "replies": "respondi,respondio,respondiste,respondido,conteste,contesto,contestaste,contestado",
         "asks": "pediste,pidio,pedido,pedir,preguntaste,pregunto,preguntado,preguntar",
         "here": (
             "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
