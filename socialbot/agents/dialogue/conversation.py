@@ -90,7 +90,10 @@ class Ask(Goal):
 
 
 class Confirm(Goal):
-    """Confirm(Person, Question, Arguments): achieved by "yes". Another reply fails it; a correction is responded to."""
+    """Confirm(Person, Question, Arguments): achieved by "yes", or by a reply with the same arguments.
+
+    Another reply fails it; a correction is responded to.
+    """
 
 
 class Converse(Goal):
@@ -118,7 +121,7 @@ class Judge(Goal):
 
 
 class Verdict(Goal):
-    """Verdict(Person, Intent, Slots): judge the reply to `Confirm`."""
+    """Verdict(Person, Arguments, Intent, Slots): judge the reply to `Confirm`; a repetition of them confirms."""
 
 
 class tell(LongAction):
@@ -205,6 +208,8 @@ class SpeechSensor(Sensor):
             if not any(one.args[1] == reading.language for one in spoken):
                 changes += [(-old).because(why) for old in spoken]
                 changes.append((+speaks(person, reading.language)).because(why))
+        elif reading.language != talk.language_of(person):  # to be answered in their language
+            changes.append((+speaks(person, reading.language)).because(why))
         return [*changes, (+heard(person, reading.intent, reading.slots)).because(why)]
 
 
@@ -296,9 +301,11 @@ class Conversation:
         if message.language not in known:
             candidates += known
         languages = [one for one in dict.fromkeys(candidates) if one in known] or [self.language]
+        is_sure = not message.confidence or message.confidence >= self.policy.sure_confidence
+        heard_in = message.language if message.language in known and is_sure else languages[0]
+        spoken = languages[0] if self.believed(speaks, person) else heard_in
         questions = [self.script.questions[str(one.args[1])] for one in self.believed(asked, person)]
         expected = {intent for question in questions for intent in question.expects if intent != ANY}
-        is_sure = not message.confidence or message.confidence >= self.policy.sure_confidence
         found: list[tuple[Reading, str]] = []
         denied = negations_in(message.text, languages[0])
         texts = [one for one in message.alternatives if negations_in(one, languages[0]) == denied]
@@ -307,7 +314,7 @@ class Conversation:
             reading = max(readings, key=lambda each: (each.words, each.score))
             if reading and (is_sure or not reading.left):
                 found.append((reading, text))
-        unknown = Reading(UNKNOWN, language=languages[0]), message.text
+        unknown = Reading(UNKNOWN, language=spoken), message.text
         known = (each for each in found if not self.script.grammar.intents[each[0].intent].fallback)
         best = next(known, found[0] if found else unknown)
         return self.interpret(message, *best, person) if is_sure else best
@@ -430,10 +437,11 @@ def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]
         Judge(Who, Q, A, N, UNKNOWN, _, What, Slots)
         >> [Answer(Who, "way_out", ()), fail("the reply is not understood")],
         Judge(Who, Q, A, N, What, Slots, What, Slots) >> [],
-        Confirm(Who, Q, A) >> [Ask(Who, Q, A, What, Slots), Verdict(Who, What, Slots)],
-        Verdict(Who, "yes", Slots) >> [],
-        Verdict(Who, "no", Slots) >> [fail("the person says no")],
-        Verdict(Who, What, Slots) >> [Respond(Who, What, Slots), fail("the person corrects it")],
+        Confirm(Who, Q, A) >> [Ask(Who, Q, A, What, Slots), Verdict(Who, A, What, Slots)],
+        Verdict(Who, _, "yes", Slots) >> [],
+        Verdict(Who, _, "no", Slots) >> [fail("the person says no")],
+        Verdict(Who, A, What, Slots) / (lambda A, Slots: bool(Slots) and tuple(Slots) == tuple(A)) >> [],  # noqa: N803
+        Verdict(Who, _, What, Slots) >> [Respond(Who, What, Slots), fail("the person corrects it")],
         # Sentences that are not understood
         Repair(Who) / ~misheard(Who, _) >> [+misheard(Who, 1), Answer(Who, "repair", ())],
         Repair(Who) / (misheard(Who, N) & (policy.repairs > N))

@@ -73,6 +73,16 @@ class Building:
         times = self.hours.get(self._local(now).weekday())
         return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
 
+    def hours_on(self, day: str, now: int) -> tuple[str, str] | None:
+        """Opening and closing time on one of `DAYS`, or tomorrow, as seen from ``now`` (ns); None if it is closed."""
+        weekday = (self._local(now).weekday() + 1) % 7 if day == "tomorrow" else DAYS.index(day)
+        times = self.hours.get(weekday)
+        return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
+
+    def clock_at(self, now: int) -> str:
+        """Time of day at ``now`` (ns) in the building, such as 8:05."""
+        return _clock_text(self._local(now).time())
+
     def is_open(self, now: int) -> bool:
         """Whether the building is open at ``now`` (ns)."""
         local = self._local(now)

@@ -61,9 +61,9 @@ class Receptionist(TalkingWaldo):
         return load_building("building.yaml", text)
 
     def rules(self) -> list[Plan | Inference | list[Plan]]:
-        Who, What, Slots, Room, Person, _ = variables("Who What Slots Room Person _")  # noqa: N806
+        Who, What, Slots, Room, Person, Day, _ = variables("Who What Slots Room Person Day _")  # noqa: N806
         place, way = self.place, compute(lambda Room: f"way_{Room}")  # noqa: N803
-        limit = compute(lambda: self.call_within_s)
+        limit, now = compute(lambda: self.call_within_s), self.clock.now
         return [
             Respond(Who, "directions", (Room,)) >> [Answer(Who, way, ())],
             Respond(Who, "room", (Room,)) >> [Answer(Who, way, ())],
@@ -79,6 +79,12 @@ class Receptionist(TalkingWaldo):
             Fetch(Who, Person)
             >> [Answer(Who, "calling", (Person,)), call(Person).within(limit), Answer(Who, "coming", (Person,))],
             -Fetch(Who, Person) >> [Answer(Who, "not_reached", (Person,))],
+            Respond(Who, "colleague", (Person,)) >> [Respond(Who, "call", (Person,))],
+            Respond(Who, "clock", _) >> [Answer(Who, "clock", compute(lambda: (place.clock_at(now()),)))],
+            Respond(Who, "hours", (Day,)) / (lambda Day: Day not in ("", "today") and place.hours_on(Day, now()))  # noqa: N803
+            >> [Answer(Who, "open_on", compute(lambda Day: (Day, *(place.hours_on(Day, now()) or ()))))],  # noqa: N803
+            Respond(Who, "hours", (Day,)) / (lambda Day: Day not in ("", "today"))  # noqa: N803
+            >> [Answer(Who, "closed_on", (Day,))],
             Respond(Who, "hours", _) / (lambda: place.is_open(self.clock.now()))
             >> [Answer(Who, "open_now", compute(lambda: place.hours_at(self.clock.now())))],
             Respond(Who, "hours", _) / (lambda: place.hours_at(self.clock.now()) is not None)

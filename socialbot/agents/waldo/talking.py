@@ -347,6 +347,8 @@ def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
         Respond(Who, "no", _) >> [Answer(Who, "no_help", ())],
         Respond(Who, "thanks", _) >> [Answer(Who, "welcome", ())],
         Respond(Who, "abilities", _) >> [Answer(Who, "abilities", ())],
+        Respond(Who, "how_are_you", _) >> [Answer(Who, "how_are_you", ())],
+        Respond(Who, "languages", _) >> [Answer(Who, "languages", ())],
         Respond(Who, "sleep", _) >> [Answer(Who, "sleeping", ()), Sleep("told")],
         Respond(Who, "wake", _) >> [Answer(Who, "awake", ())],
         Respond(Who, "ask_why", _) >> [wait_for(~talks(_), 15), explain(Who).within(30)],

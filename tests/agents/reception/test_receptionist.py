@@ -160,3 +160,89 @@ def test_two_visitors_are_served_in_turn():
         "Anna Miller is coming. Please take a seat.",
         "The library is on the second floor. Take the lift and turn left.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("language", "call", "correction", "other"),
+    [
+        ("en", "Could you call Anna Miller?", "No, I said Thomas", "Shall I call Thomas Brown?"),
+        ("en", "Could you call Anna Miller?", "no wait, not Anna, Thomas", "Shall I call Thomas Brown?"),
+        ("de", "Rufen Sie bitte Anna Miller", "Nein, Thomas", "Soll ich Thomas Brown rufen?"),
+        ("es", "Llame a Anna", "No, a Thomas", "¿Llamo a Thomas Brown?"),
+        ("fr", "Appelez Anna", "Non, Thomas", "Dois-je appeler Thomas Brown ?"),
+    ],
+)
+def test_another_name_corrects_a_call(language, call, correction, other):
+    with Reception() as reception:
+        said = reception.talk(call, correction, language=language)
+        calls = reception.messages("/reception/calls")
+    assert (said[1], calls) == (other, [])
+
+
+@pytest.mark.parametrize(
+    ("language", "call", "reply"),
+    [
+        ("en", "Could you call Anna Miller?", "Yes, call Anna"),
+        ("en", "Could you call Anna Miller?", "yep"),
+        ("en", "Could you call Anna Miller?", "That's right"),
+        ("de", "Rufen Sie bitte Anna Miller", "genau"),
+        ("es", "Llame a Anna", "por supuesto"),
+        ("fr", "Appelez Anna", "tout à fait"),
+    ],
+)
+def test_colloquial_replies_confirm_a_call(language, call, reply):
+    with Reception() as reception:
+        reception.talk(call, reply, language=language)
+        assert [one.colleague for one in reception.messages("/reception/calls")] == ["anna"]
+
+
+@pytest.mark.parametrize(
+    ("language", "reply"), [("en", "nope"), ("en", "don't"), ("de", "nee"), ("es", "mejor no"), ("fr", "surtout pas")]
+)
+def test_colloquial_replies_refuse_a_call(language, reply):
+    names = {"en": "Could you call Anna?", "de": "Rufen Sie Anna", "es": "Llame a Anna", "fr": "Appelez Anna"}
+    no = {"en": "All right.", "de": "In Ordnung.", "es": "De acuerdo.", "fr": "Très bien."}
+    with Reception() as reception:
+        assert reception.talk(names[language], reply, language=language)[1:] == [no[language]]
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "reply"),
+    [
+        ("en", "Are you open on Saturday?", "Saturday: open from 10:00 to 14:00."),
+        ("en", "Are you open on Sunday?", "Sunday: closed."),
+        ("en", "What are your opening hours tomorrow?", "Tomorrow: open from 8:00 to 18:00."),
+        ("en", "When does the building close?", "We are open today until 18:00."),
+        ("de", "Haben Sie am Samstag geöffnet?", "Samstag: geöffnet von 10:00 bis 14:00."),
+        ("es", "¿Abren el sábado?", "Sábado: abierto de 10:00 a 14:00."),
+        ("fr", "Êtes-vous ouvert le samedi ?", "Samedi : ouvert de 10:00 à 14:00."),
+        ("en", "What time is it?", "It is 10:00."),
+        ("de", "Wie spät ist es?", "Es ist 10:00 Uhr."),
+        ("es", "¿Qué hora es?", "Son las 10:00."),
+        ("fr", "Quelle heure est-il ?", "Il est 10:00."),
+    ],
+)
+def test_tells_the_hours_of_a_day_and_the_time(language, text, reply):
+    with Reception() as reception:
+        assert reception.talk(text, language=language) == [reply]
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "reply"),
+    [
+        ("en", "How are you?", "Very well, thank you."),
+        ("en", "no thanks", "All right."),
+        ("en", "Do you speak German?", "I speak English, German, Spanish and French. Just speak to me."),
+        ("de", "Sprechen Sie bitte lauter", "Hallo! Schön, Sie zu sehen."),
+        ("de", "Wie geht es Ihnen?", "Sehr gut, danke."),
+        ("es", "Más despacio, por favor", "¡Hola! Me alegro de verle."),
+        ("fr", "Parlez plus fort s'il vous plaît", "Bonjour ! Ravi de vous voir."),
+        ("fr", "Non merci", "Très bien."),
+        ("en", "I have a dog", "Sorry, I did not understand."),
+        ("de", "Ich fühle mich nicht wohl", "Entschuldigung, das habe ich nicht verstanden."),
+        ("es", "Me duele la cabeza", "Perdón, no le he entendido."),
+    ],
+)
+def test_small_talk_is_answered_in_the_language_of_the_visitor(language, text, reply):
+    with Reception() as reception:
+        assert reception.talk(text, language=language) == [reply]
