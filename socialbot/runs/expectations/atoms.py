@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 from socialbot.bdi.terms import Variable
-from socialbot.core.errors import RuleError
+from socialbot.core.errors import RuleError, suggestion
 from socialbot.core.messages import Health, TraceRecord
 from socialbot.runs.expectations._observation import (
     HEALTH,
@@ -19,15 +19,20 @@ from socialbot.runs.expectations._observation import (
     StateObserver,
 )
 from socialbot.runs.expectations._patterns import TextPattern, call_of, names_in, pattern_of
-from socialbot.runs.expectations.formulas import AtomicFormula
+from socialbot.runs.expectations.formulas import AtomicFormula, is_number
 from socialbot.runs.history import NEAR_NS, History
 
 _FACES_RAD = 1.0
 _GAP_S = 0.5
+_POSTURES = ("standing", "seated")
 
 
 class ObservedAtom(AtomicFormula):
-    """Atom with the observer that finds it in a run; ``domain`` is an atom that gives values of its variables."""
+    """Atom with the observer that finds it in a run.
+
+    ``domain`` is an atom that gives values of its variables, and ``name`` that of a belief, goal or action, or the text
+    of an utterance.
+    """
 
     def __init__(
         self,
@@ -38,6 +43,7 @@ class ObservedAtom(AtomicFormula):
         variables: Iterable[str] = (),
         binds: Iterable[str] | None = None,
         domain: AtomicFormula | None = None,
+        name: str = "",
     ) -> None:
         self.text = text
         self.is_event = is_event
@@ -45,6 +51,7 @@ class ObservedAtom(AtomicFormula):
         self.binds = self.variables if binds is None else frozenset(binds)
         self._observer = observer
         self._domain = domain
+        self.name = name
 
     def observer(self) -> AtomObserver:
         return self._observer()
@@ -63,6 +70,14 @@ def _title(function: str, what: object, **options: object) -> str:
     given = [f"{what}"] if what != "" else []
     given += [f"{name}={value!s}" for name, value in options.items() if value is not None]
     return f"{function}({', '.join(given)})"
+
+
+def _require_texts(function: str, **options: object) -> None:
+    """Refuse options that are no text: they are compared with those of records."""
+    for name, value in options.items():
+        if value is not None and not isinstance(value, str):
+            remedy = f"give a text in quotation marks: {name}='...'"
+            raise RuleError(f"{name}={value!r} is no text", where=f"{function}()", remedy=remedy)
 
 
 # People
@@ -95,6 +110,13 @@ class PersonInView:
             seen: Leave out predicted boxes.
             gap_s: Longest time (s) without such a detection that does not end the state.
         """
+        given = {"nearer_than": nearer_than, "farther_than": farther_than, "gap_s": gap_s}
+        for name, value in given.items():
+            if value is not None and not is_number(value):
+                raise RuleError(f"{name}={value!r} is no number", where="person()", remedy="give metres or seconds: 5")
+        if posture not in (None, *_POSTURES):
+            remedy = suggestion(posture, _POSTURES)
+            raise RuleError(f"posture={posture!r} is no posture", where="person()", remedy=remedy)
 
         def is_it(found: Mapping[str, Any]) -> bool:
             distance, faces, speed = found.get("distance_m"), found.get("facing_rad"), found.get("approach_mps")
@@ -144,6 +166,7 @@ def said(what: str = "*", *, to: Variable | str | None = None, by: str | None = 
         to: Person whom it concerns: the reasons of the utterance name them.
         by: Agent that speaks.
     """
+    _require_texts("said", what=what, by=by)
     if to is not None and not isinstance(to, (str, Variable)):
         raise RuleError(f"to={to!r} is no person", where="said()", remedy="give person, a variable, or a track id")
     variable = to.name if isinstance(to, Variable) else None
@@ -175,6 +198,7 @@ def said(what: str = "*", *, to: Variable | str | None = None, by: str | None = 
         variables=() if variable is None else (variable,),
         binds=(),
         domain=to() if isinstance(to, PersonVariable) else None,
+        name=what,
     )
 
 
@@ -192,6 +216,7 @@ def _named(record: TraceRecord) -> set[str]:
 def _event(
     function: str, what: object, kinds: tuple[str, ...], by: str | None, where: Callable[[TraceRecord], bool] | None
 ) -> AtomicFormula:
+    _require_texts(function, by=by)
     pattern = pattern_of(what, function)
 
     def select(record: TraceRecord, history: History) -> Iterator[Mapping[str, str]]:
@@ -205,6 +230,7 @@ def _event(
         lambda: EventObserver(select, kinds=kinds, later=True),
         is_event=True,
         variables=pattern.variables,
+        name=pattern.name,
     )
 
 
@@ -226,6 +252,7 @@ def did(what: object, *, by: str | None = None) -> AtomicFormula:
 
 def finished(what: object, outcome: str = "*", *, by: str | None = None) -> AtomicFormula:
     """Return the event that an action or step ends, with an ``outcome`` such as "failed"."""
+    _require_texts("finished", outcome=outcome)
     return _event("finished", what, ("action_end", "step_end"), by, lambda each: fnmatchcase(_outcome(each), outcome))
 
 
@@ -235,6 +262,7 @@ def _outcome(record: TraceRecord) -> str:
 
 def doing(what: object, *, by: str | None = None) -> AtomicFormula:
     """Return the state that an action or a step of a plan is in execution. Actions that end at once are left out."""
+    _require_texts("doing", by=by)
     pattern = pattern_of(what, "doing")
 
     def begins(record: TraceRecord) -> Mapping[str, str] | None:
@@ -245,6 +273,7 @@ def doing(what: object, *, by: str | None = None) -> AtomicFormula:
         lambda: ActionObserver(begins),
         is_event=False,
         variables=pattern.variables,
+        name=pattern.name,
     )
 
 
@@ -261,6 +290,7 @@ def told(what: str = "*", *, to: str | None = None, by: str | None = None) -> At
         to: Agent that receives it.
         by: Agent that sends it.
     """
+    _require_texts("told", what=what, to=to, by=by)
 
     def select(record: TraceRecord, history: History) -> Iterator[Mapping[str, str]]:
         receiver = record.detail.get("receiver")
@@ -285,11 +315,13 @@ def _state(
     kinds: tuple[str, ...],
     by: str | None,
 ) -> AtomicFormula:
+    _require_texts(function, by=by)
     return ObservedAtom(
         _title(function, pattern.text, by=by),
         lambda: StateObserver(changes, kinds=kinds),
         is_event=False,
         variables=pattern.variables,
+        name=pattern.name,
     )
 
 
@@ -349,6 +381,7 @@ def dropped(what: object = "*", *, by: str | None = None) -> AtomicFormula:
 
 def planned(what: object = "*", outcome: str | None = None, *, by: str | None = None) -> AtomicFormula:
     """Return the event that a plan for a desire starts; with an ``outcome`` such as "succeeded", that it ends so."""
+    _require_texts("planned", outcome=outcome)
     if outcome is None:
         return _event("planned", what, ("plan_start",), by, None)
     return _event("planned", what, ("plan_end",), by, lambda each: fnmatchcase(_outcome(each), outcome))
@@ -356,6 +389,7 @@ def planned(what: object = "*", outcome: str | None = None, *, by: str | None = 
 
 def recorded(kind: str, what: object = "*", *, by: str | None = None) -> AtomicFormula:
     """Return the event of a trace record of any ``kind``, such as "percept" or "plan"; ``by`` is its source."""
+    _require_texts("recorded", kind=kind)
     return _event(f"recorded {kind}", what, (kind,), by, None)
 
 
@@ -364,6 +398,7 @@ def recorded(kind: str, what: object = "*", *, by: str | None = None) -> AtomicF
 
 def health(node: str, *states: str) -> AtomicFormula:
     """Return the state that a node has one of the health ``states``, such as "ok", "stale" or "failed"."""
+    _require_texts("health", node=node)
     if not states:
         raise RuleError("health() needs a state", where=f"health({node!r})", remedy='add one: health("camera", "ok")')
 

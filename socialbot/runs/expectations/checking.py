@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import itertools
 import math
+import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import RuleError, SocialbotError, described
+from socialbot.core.errors import PACKAGE, RuleError, SocialbotError, described, place_of, suggestion
 from socialbot.core.registry import behaviours_file, behaviours_names
 from socialbot.runs.expectations._observation import Observation, observe_run
-from socialbot.runs.expectations.expectations import Expectation, as_expectation
+from socialbot.runs.expectations.expectations import (
+    Expectation,
+    ExpectationClause,
+    as_expectation,
+)
 from socialbot.runs.expectations.formulas import (
     AtomicFormula,
     Binding,
@@ -130,11 +136,15 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
     sys.path.insert(0, folder)
     try:
         spec.loader.exec_module(module)
+    except RuleError as error:
+        place = place_of(error, PACKAGE) or path.name
+        where = f"{path.parent / place}: {error.where}" if error.where else str(path.parent / place)
+        raise RuleError(error.what, where=where, remedy=error.remedy) from error
     except SocialbotError:
         raise
     except Exception as error:
         what = f"cannot be run: {described(error, str(Path(__file__).parent))}"
-        raise RuleError(what, where=str(path), remedy=_REMEDY) from error
+        raise RuleError(what, where=str(path), remedy=_remedy(error)) from error
     finally:
         sys.path.remove(folder)
     named = ((name, value) for name, value in vars(module).items() if not name.startswith("_"))
@@ -151,9 +161,47 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
 
 
 _NUMBERS = itertools.count()
+_NO_ARGUMENT = re.compile(r"([\w.]+)\(\) got an unexpected keyword argument '(\w+)'")
 
 
-def evaluate(behaviours: Path | str | Iterable[Expectation], run: Path | str | RecordedRun) -> list[Verdict]:
+def _remedy(error: Exception) -> str:
+    """Return how to mend a file that cannot be run: the closest name of those that are known."""
+    from socialbot.runs import expectations
+
+    if isinstance(error, NameError) and error.name:
+        if error.name in expectations.__all__:
+            return f"import it: from socialbot.testing import {error.name}"
+        close = suggestion(error.name, expectations.__all__).partition(" known: ")[0]
+        return f"define it, or import it from another module{f'; {close}' if close.startswith('did') else ''}"
+    if isinstance(error, AttributeError) and error.name and error.obj is not None:
+        return suggestion(error.name, [name for name in dir(error.obj) if not name.startswith("_")])
+    if isinstance(error, ImportError) and error.name in sys.modules:
+        wanted = str(error).partition("name '")[2].partition("'")[0]
+        module = sys.modules[error.name]
+        known = getattr(module, "__all__", None) or [name for name in dir(module) if not name.startswith("_")]
+        return f"a belief, goal or action can also be a text: 'greeted(Who)'; {suggestion(wanted, known)}"
+    found = _NO_ARGUMENT.search(str(error)) if isinstance(error, TypeError) else None
+    function = None if found is None else _function(found[1])
+    if found is not None and function is not None:
+        return suggestion(found[2], [name for name in inspect.signature(function).parameters if name != "self"])
+    return "correct the Python code" if isinstance(error, (SyntaxError, TypeError)) else _REMEDY
+
+
+def _function(name: str) -> Callable[..., object] | None:
+    """Return the function or method of expectations with a qualified name; None for another one."""
+    from socialbot.runs.expectations import atoms, expectations
+
+    for module in (atoms, expectations):
+        owner, _, method = name.rpartition(".")
+        found = getattr(getattr(module, owner, None), method, None) if owner else getattr(module, name, None)
+        if callable(found):
+            return found
+    return None
+
+
+def evaluate(
+    behaviours: Path | str | Iterable[Expectation | ExpectationClause], run: Path | str | RecordedRun
+) -> list[Verdict]:
     """Check expectations on a recorded run.
 
     Args:
@@ -166,10 +214,21 @@ def evaluate(behaviours: Path | str | Iterable[Expectation], run: Path | str | R
     """
     from socialbot.runs.folder import open_run
 
-    expectations = load_behaviours(behaviours) if isinstance(behaviours, (str, Path)) else list(behaviours)
+    expectations = load_behaviours(behaviours) if isinstance(behaviours, (str, Path)) else _completed(behaviours)
     opened = open_run(Path(run)) if isinstance(run, (str, Path)) else run
     observation = observe_run(opened, [each.formula for each in expectations])
     return [judge(each, observation) for each in expectations]
+
+
+def _completed(behaviours: Iterable[object]) -> list[Expectation]:
+    """Return expectations as a behaviour file has them: ``never(said("a"))`` needs no end. Raises RuleError."""
+    found = []
+    for number, each in enumerate(behaviours, 1):
+        expectation = as_expectation(each, "")
+        if expectation is None:
+            raise RuleError(f"{each!r} is no expectation", where=f"expectation {number}", remedy=_REMEDY)
+        found.append(expectation)
+    return found
 
 
 def judge(expectation: Expectation, trace: Observation) -> Verdict:

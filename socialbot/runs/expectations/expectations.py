@@ -193,16 +193,19 @@ class ExpectationClause:
     def at_least(self, number: int) -> ExpectationClause:
         """Expect this many or more."""
         self._only_expect("at_least")
+        _require_count("at_least", number)
         return replace(self, low=number)
 
     def at_most(self, number: int) -> ExpectationClause:
         """Expect this many or fewer."""
         self._only_expect("at_most")
+        _require_count("at_most", number)
         return replace(self, low=self.low or 0, high=number)
 
     def exactly(self, number: int) -> ExpectationClause:
         """Expect this many."""
         self._only_expect("exactly")
+        _require_count("exactly", number)
         return replace(self, low=number, high=number)
 
     # Completed expectations
@@ -319,6 +322,11 @@ class ExpectationClause:
                 how_many = f" {_times(self.low)}"
         word = {"some": "expect", "never": "never", "all": "always"}[self.mode]
         return Expectation(f"{word} {self.what}{how_many}{rest}", holds, when, trigger, subject=self.what)
+
+
+def _require_count(method: str, number: object) -> None:
+    if not isinstance(number, int) or isinstance(number, bool) or number < 0:
+        raise RuleError(f"{number!r} is no number of times", where=f"{method}()", remedy=f"give one: {method}(2)")
 
 
 def _counted_during(what: TemporalFormula, state: TemporalFormula, low: int, high: int | None) -> TemporalFormula:

@@ -96,10 +96,16 @@ class Window:
 ALWAYS = Window()
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value is a number, and no truth value."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 def window(seconds: float | tuple[float, float] | None) -> Window:
     """Return the window of a duration: 0 to ``seconds``, or from the first to the second of two. Raises RuleError."""
-    least, most = seconds if isinstance(seconds, tuple) else (0.0, seconds)
-    if least < 0 or (most is not None and most < least):
+    limits = seconds if isinstance(seconds, tuple) else (0.0, seconds)
+    least, most = limits if len(limits) == 2 else (-1.0, None)
+    if not (is_number(least) and (most is None or is_number(most))) or least < 0 or (most is not None and most < least):
         raise RuleError(f"within={seconds!r} is no time window", remedy="give seconds: 2, or (1, 2)")
     return Window(nanoseconds(least), None if most is None else nanoseconds(most))
 

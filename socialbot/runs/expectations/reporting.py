@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import difflib
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markupsafe import escape
 
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.runs.expectations.atoms import ObservedAtom
 from socialbot.runs.expectations.checking import Instance, Verdict
 from socialbot.runs.expectations.formulas import Eventually
 from socialbot.runs.junit import TestCase, write_junit
@@ -23,6 +28,9 @@ if TYPE_CHECKING:
 
 MOST_FAILURES = 5
 MOST_REJECTED = 3
+_ALIKE = 0.75
+"""Least similarity of a name to one that was meant."""
+_WILD = re.compile(r"[*?\[]")
 AFTERWARDS_S = 3.0
 """Time after a trigger in which events without a plan may explain why nothing came."""
 
@@ -50,6 +58,18 @@ class Checked:
     @property
     def passed(self) -> bool:
         return all(each.passed for each in self.verdicts)
+
+    @cached_property
+    def known_names(self) -> frozenset[str]:
+        """Names in the records and rules of the run."""
+        rules = (text for texts in self.run.rules.values() for text in texts)
+        recorded = (text for each in self.run.history for text in (each.what, str(each.detail.get("rule", ""))))
+        return frozenset(name for text in {*rules, *recorded} for name in re.findall(r"[A-Za-z_.][\w.-]*", text))
+
+    @cached_property
+    def utterances(self) -> list[str]:
+        """What agents said in the run."""
+        return sorted({each.what for each in self.run.history if each.kind == "utterance"}, reverse=True)
 
 
 def counted(checked: Sequence[Checked]) -> str:
@@ -111,6 +131,26 @@ def reasons(failure: Instance, run: RecordedRun) -> list[str]:
     return lines
 
 
+def notes(checked: Checked, verdict: Verdict) -> Iterator[str]:
+    """Yield which names in an expectation the run does not have, if one of its names is alike.
+
+    A misspelled name makes an expectation fail, or pass, or leaves it untested.
+    """
+    for atom in verdict.expectation.formula.atoms():
+        name = atom.name if isinstance(atom, ObservedAtom) else ""
+        if not name or checked.known_names.issuperset(re.findall(r"[\w.-]+", name)):
+            continue
+        if atom.text.startswith("said("):
+            plain = name.strip("*").casefold()
+            known = {each[: len(plain)].casefold(): each for each in checked.utterances}
+            is_said = any(fnmatchcase(each, name) for each in checked.utterances)
+        else:
+            plain, known, is_said = name, {each: each for each in checked.known_names}, False
+        close = difflib.get_close_matches(plain, known, n=1, cutoff=_ALIKE)
+        if close and not is_said and not _WILD.search(plain):
+            yield f"nothing in this run has the name or text {name!r}; did you mean {known[close[0]]!r}?"
+
+
 def moment_link(page: Path, failure: Instance, start: Path | None = None) -> str:
     """Return the address of a moment in the page of a run, relative to the folder ``start``."""
     path = page if start is None else Path(os.path.relpath(page, start))
@@ -130,6 +170,7 @@ def text_of(checked: Checked, verdict: Verdict) -> Iterator[str]:
         yield f"nearest change that passes: {checked.nearest[verdict.name]}"
     if verdict.failures and verdict.expectation.reason:
         yield f"it matters because {verdict.expectation.reason}"
+    yield from (f"note: {text}" for text in dict.fromkeys(notes(checked, verdict)))
 
 
 def write_results(path: Path, checked: Sequence[Checked], behaviours: str) -> None:
@@ -177,6 +218,7 @@ def _run_section(checked: Checked, folder: Path) -> str:
     ]
     parts = [str(table(("expectation", "verdict", "instances", "meaning"), rows))]
     for verdict in checked.verdicts:
+        parts += [f"<p>{escape(verdict.name)}: note: {escape(each)}</p>" for each in notes(checked, verdict)]
         for failure in verdict.failures[:MOST_FAILURES]:
             lines = "\n".join(reasons(failure, checked.run)) or "no record shows a reason"
             link = "" if checked.page is None else moment_link(checked.page, failure, folder)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import random
+import re
 
 import pytest
 
 from socialbot.bdi import Belief, variables
 from socialbot.core.errors import RuleError
-from socialbot.runs.expectations import _time_sets, load_behaviours
+from socialbot.runs.expectations import _time_sets, evaluate, load_behaviours
+from socialbot.runs.expectations.reporting import Checked, notes
+from socialbot.runs.folder import open_run
 from socialbot.testing import (
     always,
     anyone,
@@ -28,6 +31,7 @@ from socialbot.testing import (
     told,
     wanting,
 )
+from tests.runs.asking.written_runs import write_run
 from tests.runs.expectations.traces import check, frame, record, says
 
 
@@ -259,8 +263,61 @@ def test_counted_moments_agree_with_counting():
             assert (at in found) == (there >= low and (high is None or there <= high)), (number, at)
 
 
-def test_a_mistake_in_a_file_of_expectations_names_its_line(tmp_path):
+@pytest.mark.parametrize(
+    ("code", "what", "remedy"),
+    [
+        ("expect(said('x'), 3)", r"wrong\.py: cannot be run: TypeError: .* \(wrong\.py:3\)", "correct the Python code"),
+        ("expect(said('x')).within('1')", r"wrong\.py:3: within='1' is no time window", "give seconds"),
+        ("expect(said('x')).within(5, 2)", r"wrong\.py: .*takes 2 positional arguments", "correct the Python code"),
+        ("expect(said('x')).within((1, 2, 3))", r"wrong\.py:3: within=\(1, 2, 3\) is no time window", "give seconds"),
+        ("expect(said('x') and said('y'))", r"wrong\.py:3: said\('x'\): a formula is neither", "combine with &"),
+        ("expect(said(5)).in_total()", r"wrong\.py:3: said\(\): what=5 is no text", "quotation marks"),
+        ("expect(said('x', by=5)).in_total()", r"wrong\.py:3: said\(\): by=5 is no text", "quotation marks"),
+        ("expect(said('x')).at_least('two').in_total()", r"at_least\(\): 'two' is no number", r"at_least\(2\)"),
+        ("expect(said('x')).exactly(-1).in_total()", r"exactly\(\): -1 is no number", r"exactly\(2\)"),
+        ("expect(person(nearer_than='5'))", r"wrong\.py:3: person\(\): nearer_than='5' is no number", "give metres"),
+        ("expect(person(posture='sitting'))", r"wrong\.py:3: person\(\): posture='sitting'", "known: seated, standing"),
+        ("expect(person(closer_than=5))", "unexpected keyword argument 'closer_than'", "did you mean 'nearer_than'"),
+        ("expect(said('x', too=person))", "unexpected keyword argument 'too'", "did you mean 'to'"),
+        ("expect(sayed('x'))", "name 'sayed' is not defined", "did you mean 'said'"),
+        ("expect(believed('x'))", "name 'believed' is not defined", "from socialbot.testing import believed"),
+        ("expect(said('x')).afer(person())", "no attribute 'afer'", "did you mean 'after'"),
+        ("None; from socialbot.testing import nevr", "cannot import name 'nevr'", "did you mean 'never'"),
+        ("None; from socialbot.agents.waldo import greeted", "cannot import name 'greeted'", r"can also be a text"),
+        ("(1", "SyntaxError", "correct the Python code"),
+    ],
+)
+def test_a_mistake_in_a_file_of_expectations_names_its_line_and_a_remedy(tmp_path, code, what, remedy):
     path = tmp_path / "wrong.py"
-    path.write_text("from socialbot.testing import expect, said\n\nsoon = expect(said('x')).within('1')\n")
-    with pytest.raises(RuleError, match=r"wrong\.py: cannot be run: TypeError: .* \(wrong\.py:3\)"):
+    path.write_text(f"from socialbot.testing import expect, person, said\n\nsoon = {code}\n")
+    with pytest.raises(RuleError, match=what) as error:
         load_behaviours(path)
+    assert re.search(remedy, error.value.remedy or ""), error.value.remedy
+
+
+def test_misspelled_names_are_noted_whatever_the_verdict(tmp_path):
+    trace = [record(2.0, "belief", 'greeted("t1")'), record(2.0, "action", "stayIdle()"), *says(3.0, "hello")]
+    folder = write_run(tmp_path / "run", trace)
+    misspelled = {
+        "never": (never(did("stayidle")), "passed", "stayIdle"),
+        "after": (expect(said("*")).within(2).after(believed("greated(Who)")), "untested", "greeted"),
+        "said": (expect(said("Hallo*")).in_total(), "failed", "Hello!"),
+    }
+    right = [never(did("fly")), expect(said("Hel*")).in_total(), never(said("Bye")), never(did("stay*"))]
+    expectations = [*(one for one, _, _ in misspelled.values()), *right]
+    run = open_run(folder)
+    verdicts = evaluate(expectations, run)
+    checked = Checked("run", run, None, verdicts)
+    found = [(each.outcome, list(notes(checked, each))) for each in verdicts]
+    for (outcome, noted), (_, wanted, meant) in zip(found, misspelled.values(), strict=False):
+        assert outcome == wanted
+        assert [f"did you mean {meant!r}?" in each for each in noted] == [True]
+    assert [noted for _, noted in found[len(misspelled) :]] == [[]] * len(right)
+
+
+def test_clauses_in_python_are_completed_as_in_a_file(tmp_path):
+    folder = write_run(tmp_path / "run", says(3.0, "hello"))
+    verdicts = evaluate([never(said("bye")), expect(said("hello"))], folder)
+    assert [each.outcome for each in verdicts] == ["passed", "passed"]
+    with pytest.raises(RuleError, match="expectation 1: 5 is no expectation"):
+        evaluate([5], folder)  # type: ignore[list-item]
