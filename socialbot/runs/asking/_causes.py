@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, Held, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
-from socialbot.runs.asking._topics import Subjects, Topic, goal_of
+from socialbot.runs.asking._topics import Subjects, Topic, arguments_of, goal_of
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
 from socialbot.runs.why import call_of, explain, head_of
 
@@ -183,15 +183,18 @@ def reasons_against(
         missing = [
             name for name in entries if not any(each.within(begin, end) for each in facts.held(name, person, agent))
         ]
-        for name in missing:
-            clause = speech.lacked(name, [person] if person else [], agent, at)
-            if clause is not None:
-                return [clause]
         if person and missing:
             clause = speech.lacked("present", [person], agent, at)
             if clause is not None and not any(each.within(begin, end) for each in facts.held("present", person, agent)):
                 return [clause]
-    rejected = _rejected(speech, plans, begin, end, agent)
+            waited = _waited_for(speech, plans, person, agent, (begin, end))
+            if waited is not None:
+                return [waited]
+        for name in missing:
+            clause = speech.lacked(name, [person] if person else [], agent, at)
+            if clause is not None:
+                return [clause]
+    rejected = _rejected(speech, plans, persons, begin, end, agent)
     if rejected is not None:
         return [rejected]
     if entries:
@@ -200,6 +203,17 @@ def reasons_against(
             text = speech.say("no_belief", what=names[0])
             return [Clause(text, (), Claim("not_believed", agent, (names[0],), span[0], span[1]))]
     return []
+
+
+def _waited_for(speech: Speech, plans: Sequence[str], person: str, agent: str, span: tuple[int, int]) -> Clause | None:
+    """Return the belief about a person with whose end a plan would have done the deed: ``-converses(Who)``."""
+    names = {found[1] for plan in plans if (found := re.match(r"(?:@\S+\s+)?-(?!!)(\w+)\(", plan))}
+    held = [each for name in names for each in speech.facts.held(name, person, agent) if each.within(*span)]
+    if not held:
+        return None
+    last = max(held, key=lambda each: each.begin)
+    clause = speech.believed(last, max(span[0], last.begin))
+    return clause if speech.has_sentence(last.what) else None
 
 
 def _moment(facts: Facts, persons: Sequence[str], begin: int, end: int) -> int:
@@ -243,14 +257,18 @@ def _belief_event(plan: str) -> str:
     return f"{found[1]}{arguments}" if '"' in arguments else found[1]
 
 
-def _rejected(speech: Speech, plans: Sequence[str], begin: int, end: int, agent: str) -> Clause | None:
-    """Return the last rejection of one of the plans in a span of time."""
+def _rejected(
+    speech: Speech, plans: Sequence[str], persons: Sequence[str], begin: int, end: int, agent: str
+) -> Clause | None:
+    """Return the last rejection of one of the plans in a span of time, but none that only concerns other people."""
     facts = speech.facts
     for record in reversed(facts.history.between(begin, end)):
         if agent and record.source != agent:
             continue
         for plan, because in rejected_plans(record):
-            if plan in plans and because:
+            named = {*arguments_of(because.partition(")")[0] + ")")} & {*facts.subjects.persons}
+            is_meant = not persons or not named or not named.isdisjoint(persons)
+            if plan in plans and because and is_meant:
                 seconds = facts.seconds(record.stamp)
                 claim = Claim("rejected", record.source, (plan, because), seconds)
                 clause = Clause(f'a rule for it was rejected: "{because}"', (record.id,), claim)

@@ -303,6 +303,11 @@ class Speech:
         known = {each.belief: each for each in self.facts.subjects.vocabulary.conditions}
         return known.get(what) or known.get(what.partition("(")[0])
 
+    def has_sentence(self, what: str) -> bool:
+        """Return whether a belief that was held has a sentence in the language of the answer."""
+        condition = self._condition(what)
+        return condition is not None and self.language in condition.held
+
     def _persons(self, what: str) -> list[str]:
         known = {*self.facts.subjects.persons, "somebody"}
         return [one for one in arguments_of(what) if one in known]
