@@ -38,7 +38,7 @@ from socialbot.runs.asking._question import Event, Kind, Question
 from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._unrecorded import has_other_object, names_without_records
+from socialbot.runs.asking._unrecorded import has_other_object, ids_without_records, names_without_records
 from socialbot.runs.asking._word_classes import places_of_class, tells, tells_exactly
 from socialbot.runs.asking._words import number_at, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
@@ -144,14 +144,14 @@ def candidates(text: str, subjects: Subjects, language: str = "") -> list[Candid
     }
     own = [code for code in codes if exact[code] == max(exact.values())]
     names = names_in(text, own, subjects)
-    as_written = names.union(quoted)
+    as_written, has_unknown_id = names.union(quoted), not quoted and bool(ids_without_records(text, subjects))
     return [
         each
         for code in own
         for each in _candidates(
             prepared(words, as_written, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code]
         )
-        if each.question.kind is None or names <= {*each.question.says}
+        if each.question.kind is None or (names <= {*each.question.says} and not has_unknown_id)
     ]
 
 

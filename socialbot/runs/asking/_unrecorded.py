@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Set
 
 from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
@@ -25,6 +26,18 @@ _POSSESSIVE = {
     "tu",
 }  # fmt: skip
 """Possessive determiners before a thing."""
+
+
+_ID = re.compile(r"(?<!\w)([^\W\d_])(\d{1,4})(?!\w)")
+"""Id of a letter and a number, as trackers give: ``t9``."""
+
+
+def ids_without_records(text: str, subjects: Subjects) -> list[str]:
+    """Return ids of people and things in a text that nothing has: ``t9`` in a run with t1 and t2."""
+    names = (*subjects.persons, *subjects.things, *subjects.agents, *subjects.argument_names.values())
+    known = {pair for name in names for pair in itertools.pairwise(tokens(name))}
+    found = (match.groups() for match in _ID.finditer(text.lower()))
+    return [letter + number for letter, number in found if (letter, number) not in known]
 
 
 def names_without_records(reading: Reading, referred: Set[int], subjects: Subjects) -> list[tuple[str, str]]:
@@ -111,7 +124,8 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
         if (is_done or is_other) and word not in NUMBER_WORDS | within:
             noun = next(iter(words[place + 1 : place + 2]), "")
             others.append(f"{word} {noun}" if word in nouns and noun in subjects.kinds else word)  # "living room"
-    return list(dict.fromkeys([*numbered, *phrases, *others]))
+    ids = [one for one in ids_without_records(text, subjects) if not any(each.endswith(one) for each in numbered)]
+    return list(dict.fromkeys([*numbered, *ids, *phrases, *others]))
 
 
 def _named(found: Found) -> set[int]:

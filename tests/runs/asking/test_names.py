@@ -11,6 +11,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking import answer, answer_heard, words_of_names
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
+from tests.runs.asking.waldo_run import two_visitors
 from tests.runs.asking.written_runs import run_of_deeds
 
 DEEDS = (
@@ -91,3 +92,22 @@ def test_a_number_of_seconds_may_be_recognised_in_two_parts():
     )
     found = answer(RunView(None, history, None), "What did you do at 100 1 seconds?")
     assert [clause.records for clause in found.clauses] == [("robot-101",)]
+
+
+@pytest.fixture(scope="module")
+def visits() -> RunView:
+    return two_visitors()
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did you greet t9?", "Why did you greet t9?", "was t9 here", "When did T9 leave?", "how long did t9 stay",
+        "Hast du t9 begrüßt?", "War t9 hier?", "As-tu salué t9 ?", "¿Saludaste a t9?", "Did you greet p1?",
+    ],
+)  # fmt: skip
+def test_ids_that_the_run_does_not_have_are_nobody_else(visits, question):
+    found = answer(visits, question)
+    assert not found.known
+    assert not found.options
+    assert [clause.claim.what[0] for clause in found.clauses] == ["p1" if "p1" in question else "t9"]
