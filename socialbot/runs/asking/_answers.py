@@ -40,6 +40,10 @@ _MOST_UNRECORDED = 2
 """Most names without records that an answer tells."""
 _LETTER = re.compile(r"(?<=\w) [A-HJ-Z]\b")
 """Letter of a name behind a word; "I" is a word."""
+_AND_WHY = re.compile(
+    r"\W+(and|und|et|y)\s+(why|how\s+come|warum|wieso|weshalb|pourquoi|por\s*qu[e\u00e9])\W*$", re.IGNORECASE
+)
+"""Second question for the reason of what the first one asks."""
 _SHORTEST_NAME = 2
 """Length above which a word of a name is told by its sound."""
 _SIMILAR_SOUND = 0.6
@@ -83,7 +87,8 @@ def answer(
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
     facts = facts_of(run, asked_as)
-    found = candidates(text, facts.subjects, language)
+    main = _AND_WHY.sub("", text)  # "Did you greet t2, and why?"
+    found = candidates(main, facts.subjects, language)
     if not found:
         nothing = Question(None, language if language in LANGUAGES else "en")
         return answered(run, facts, nothing, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
@@ -107,7 +112,22 @@ def answer(
         told = msgspec.structs.replace(told, text=back, options=tuple(options))
     elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
         told = _without_record(told, names[:_MOST_UNRECORDED], text)
+    elif main != text and told.clauses[0].claim.kind in ("did", "said"):
+        reason = replace(best.question, kind="why")
+        because = answered(run, facts, reason, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+        told = _with_reason(told, because) if because.known else told
     return msgspec.structs.replace(told, confidence=confidence)
+
+
+def _with_reason(told: Answer, because: Answer) -> Answer:
+    """Return an answer with the reason for what it tells; of several deeds, for the last one."""
+    reason = f"{because.text[:1].lower()}{because.text[1:]}"
+    if len(told.clauses) > 1:
+        whole, clauses = f"{told.text.rstrip('.')}; {reason}", (*told.clauses, *because.clauses)
+        return msgspec.structs.replace(told, text=whole, clauses=clauses)
+    yes = f"{LANGUAGES[told.language].sentences['yes']}: "
+    whole = f"{yes}{reason}" if told.text.startswith(yes) else because.text
+    return msgspec.structs.replace(because, text=whole)
 
 
 def words_of_names(run: RunView) -> Set[str]:

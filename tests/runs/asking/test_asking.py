@@ -519,3 +519,30 @@ def test_a_text_with_the_letter_of_a_name_counts_before_one_without_it(heard, al
     )
     texts = [heard, *alternatives]
     assert answer_heard(texts, partial(answer, run))[0] == texts[taken]
+
+
+@pytest.mark.parametrize(
+    ("question", "begin"),
+    [
+        ("Did you greet t2 and why?", "Yes: at 20"),
+        ("When did you greet t2, and why?", "At 20"),
+        ("Hast du t2 begrüßt, und warum?", "Ja: bei 20"),
+        ("As-tu salué t2, et pourquoi ?", "Oui: à 20"),
+        ("¿Saludaste a t2 y por qué?", "Sí: a los 20"),
+    ],
+)
+def test_a_second_question_for_the_reason_is_answered(waldo, question, begin):
+    found = answer(waldo, question)
+    assert found.text.startswith(begin), found.text
+    assert kinds(found)[:2] == ["did", "believed"]
+
+
+def test_the_reason_of_several_deeds_is_that_of_the_last_one(waldo):
+    found = answer(waldo, "Who did you greet, and why?")
+    assert kinds(found)[:4] == ["did", "did", "did", "believed"]
+    assert [clause.claim.persons for clause in found.clauses[:3]] == [("t1",), ("t2",), ("t2",)]
+
+
+def test_a_second_question_for_the_reason_needs_a_deed(waldo):
+    assert kinds(answer(waldo, "Did you greet t9, and why?")) == ["not_named"]
+    assert kinds(answer(waldo, "Who was here, and why?")) == ["here", "here"]
