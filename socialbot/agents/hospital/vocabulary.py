@@ -7,6 +7,7 @@ PHRASES = {
     "a_open_door": "opens the door of {1}",
     "a_approach_nurse": "goes up to {1}",
     "a_authenticate_nurse": "authenticates: {0} with {1}",
+    "end": "finishes its part",
     "a_authorize_patrol": "agrees on the patrol: {0} with {1}",
     "a_patrol_room": "patrols {1}",
     "a_adapt_room": "tidies {1}",

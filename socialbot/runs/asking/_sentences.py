@@ -86,6 +86,9 @@ class Answer(msgspec.Struct, frozen=True):
     options: tuple[Answer, ...] = ()
 
 
+_ITS = re.compile(r"\bits\b")
+
+
 def _number(value: float, sentences: Mapping[str, str]) -> str:
     """Return a number with at most one decimal, as the language of ``sentences`` writes it."""
     return f"{round(value, 1):g}".replace(".", sentences["decimal"])
@@ -147,6 +150,11 @@ class Speech:
 
     def subject(self, agent: str) -> str:
         return "I" if self.is_single else self.facts.subjects.wording.name(agent)
+
+    def _of_subject(self, agent: str, verb: str) -> str:
+        """Return a sentence of a subject and a verb with its objects; what an agent calls its own is "my"."""
+        subject = self.subject(agent)
+        return f"{subject} {_ITS.sub('my', verb) if subject == 'I' else verb}"
 
     def about(self, agent: str, text: str) -> str:
         """Return a sentence with "I" as one about ``agent``, unless that agent speaks."""
@@ -212,7 +220,7 @@ class Speech:
             return self.about(agent, self.say("said", what=words))
         if record.kind in ("goal", "desire"):
             return f"{self.subject(agent)} wanted {record.what}"
-        return f"{self.subject(agent)} {past(self._sentence(record))}"
+        return self._of_subject(agent, past(self._sentence(record)))
 
     def _sentence(self, record: TraceRecord) -> str:
         """Return a deed as a sentence in the present tense without its subject."""
@@ -231,8 +239,9 @@ class Speech:
         if text is None:
             sentence = self._partly(topic, things)
             is_named = bool(agent) or self.is_single
-            text = f"{self.subject(agent) if is_named else 'nobody'} "
-            text += f"did not {infinitive(sentence)}" if is_named else past(sentence)
+            text = (
+                self._of_subject(agent, f"did not {infinitive(sentence)}") if is_named else f"nobody {past(sentence)}"
+            )
         named = persons if topic.declared is None or topic.concerns_people else ()
         return Clause(text, (), Claim("did_not", agent, topic.calls, *span, persons=(*named, *things)))
 

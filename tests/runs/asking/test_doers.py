@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import pytest
 
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.core.vocabulary import Vocabulary
 from socialbot.runs.asking import answer
+from socialbot.runs.asking._facts import Facts
+from socialbot.runs.asking._sentences import Speech
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.history import History
+from socialbot.runs.narration import Wording
+from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import person, run_of, two_visitors
 
 
@@ -97,3 +106,14 @@ def test_what_was_said_to_who_came_in_is_told(talk):
     claims = [clause.claim for clause in answer(talk, "What did you say to me when I came in?").clauses]
     assert claims
     assert {claim.kind for claim in claims} <= {"said", "did"}
+
+
+def test_what_an_agent_calls_its_own_is_my_in_its_answer():
+    records = [TraceRecord(stamp=SECOND, id="a-1", source="cleaner", kind="action", what="recharge(cleaner, dock)")]
+    wording = Wording({}, {"recharge": "fills its battery at {1}"})
+    run = RunView(None, History(records), None)
+    facts = Facts(Subjects(run.history, wording, Vocabulary(), {}))
+    assert Speech(facts, "en", "", is_single=True).did(records[0], None, at=False).text == "I filled my battery at dock"
+    assert (
+        Speech(facts, "en", "", is_single=False).did(records[0], None, at=False).text.startswith("cleaner filled its")
+    )
