@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import importlib.util
 import inspect
 import logging
 import re
@@ -28,6 +27,7 @@ from rosbags.typesys.store import Typestore
 
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Structured
+from socialbot.core.references import installed_places
 from socialbot.core.registry import message_types
 
 if TYPE_CHECKING:
@@ -489,12 +489,10 @@ def _installed_class(package: str, name: str, *folders: str) -> Any:
 def _message_module(package: str, folder: str) -> Any:
     """Python module of the messages of a ROS package; None if it is not installed.
 
-    A bag may name any package: only one that has such a folder is imported.
+    A bag may name any package: only an installed one that has such a folder is imported.
     """
     try:
-        spec = importlib.util.find_spec(package)
-        places = (spec.submodule_search_locations or ()) if spec is not None else ()
-        if any(Path(place, folder, "__init__.py").is_file() for place in places):
+        if any((place / folder / "__init__.py").is_file() for place in installed_places(package)):
             return importlib.import_module(f"{package}.{folder}")
     except (ImportError, ValueError):
         pass

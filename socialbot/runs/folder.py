@@ -14,6 +14,7 @@ from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
 from socialbot.core.reading import read_bytes
+from socialbot.core.references import reading_record
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
@@ -93,7 +94,8 @@ class RecordedRun(RunView):
         if not path.exists():
             return None
         try:
-            return parse_graph(paths.read_text(path, RunError), where=str(path))
+            with reading_record(self.folder):
+                return parse_graph(paths.read_text(path, RunError), where=str(path))
         except (OSError, UnicodeDecodeError, SocialbotError) as error:
             self.damage.append(f"graph.yaml cannot be used: {error}")
             return None

@@ -20,6 +20,7 @@ from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, PersonDetections, TraceRecord
 from socialbot.core.paths import read_text
 from socialbot.core.reading import read_bytes
+from socialbot.core.references import reading_record
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
@@ -276,7 +277,8 @@ def graph_of(bag: Path) -> Graph:
     path = bag / BAG_GRAPH
     if not path.is_file():
         return load_graph("waldo")
-    return parse_graph(read_text(path, GraphError, remedy="give one with --graph"), where=str(path))
+    with reading_record(bag):
+        return parse_graph(read_text(path, GraphError, remedy="give one with --graph"), where=str(path))
 
 
 def find_truth(bag: Bag, given: Path | None = None) -> GroundTruth | None:
