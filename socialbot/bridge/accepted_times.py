@@ -133,13 +133,14 @@ class AcceptedTimes:
             os.close(file)
 
 
-def state_folder(realm: str, own_key: str) -> Path:
-    """The folder of `AcceptedTimes` for messages of a ``realm``, read with the key of this fingerprint.
+def state_folder(realm: str, keys: Path, name: str) -> Path:
+    """The folder of `AcceptedTimes` for messages of a ``realm``, read with the key ``name`` in the folder ``keys``.
 
-    Raises ParameterError if the user has no home folder.
+    It stays the same when the key is replaced. Raises ParameterError if the user has no home folder.
     """
     base = user_folder("XDG_STATE_HOME", ".local/state") / "socialbot"
-    return base / "accepted" / hashlib.sha256(f"{realm}\n{own_key}".encode()).hexdigest()[:16]
+    machine = b"\n".join((realm.encode(), name.encode(), os.fsencode(keys.resolve())))
+    return base / "accepted" / hashlib.sha256(machine).hexdigest()[:16]
 
 
 def _is_locked(file: int, *, last: bool) -> bool:

@@ -500,7 +500,7 @@ def split_keys(text: str) -> tuple[str, str]:
 
 def _seal(environment: MutableMapping[str, str]) -> Seal:
     from socialbot.bridge.accepted_times import AcceptedTimes, state_folder
-    from socialbot.bridge.keys import KeyRing, SecurityError, fingerprint
+    from socialbot.bridge.keys import KeyRing, SecurityError
     from socialbot.bridge.security import WINDOW_S, Seal
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
@@ -519,5 +519,4 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
             remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
     keys, realm = KeyRing(Path(folder), name), f"ROS domain {ros_domain(environment)}"
-    own_key = fingerprint(keys.latest().private.public_key())
-    return Seal(keys, realm, window_s, AcceptedTimes(state_folder(realm, own_key)))
+    return Seal(keys, realm, window_s, AcceptedTimes(state_folder(realm, Path(folder), keys.latest().name)))

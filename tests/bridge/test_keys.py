@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,11 @@ from socialbot.bridge.keys import (
     load_keys,
     new_key,
 )
-from socialbot.bridge.security import Seal, SealError
+from socialbot.bridge.security import Seal, SealError, Stream
 from socialbot.bridge.topics import observer_node
 from socialbot.bridge.transport import open_transport
 from socialbot.cli.key import key
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import Utterance
 from socialbot.graph.node import Graph, NodeConfig
 from tests.bridge.hosting import node_hosts
@@ -197,6 +199,28 @@ def test_a_machine_whose_key_is_removed_during_a_rotation_is_refused_with_its_ne
     desk.wait()
     assert reason(robot, desk) == "unknown sender"
     assert load_keys(desk.folder, "desk").of("robot") == []
+
+
+def test_a_replaced_own_key_opens_no_replay_after_a_restart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock of the sender is ahead: only what was noted before the restart tells that the command is old."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    folder, environment = tmp_path / "keys", {KEYS_VARIABLE: f"{tmp_path / 'keys'}:robot", "ROS_DOMAIN_ID": "60"}
+    for name in ("robot", "desk"):
+        new_key(name, folder)
+    ahead = Stream(load_keys(folder, "desk"), "ROS domain 60", "/say", now=lambda: time.time_ns() + 3 * SECOND)
+    text = ahead.seal("a command")
+    assert _opened(environment, text) == "a command"
+    begin_rotation("robot", folder)
+    finish_rotation("robot", folder, lambda _: None)
+    with pytest.raises(SealError, match="late"):
+        _opened(environment, text)
+
+
+def _opened(environment: dict[str, str], text: str) -> str | None:
+    """The text of a message that a new process receives."""
+    opener = open_transport(environment).opener("/say")
+    assert opener is not None
+    return opener.open(text)
 
 
 def test_mistakes_in_a_rotation(tmp_path: Path) -> None:
