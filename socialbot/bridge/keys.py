@@ -90,19 +90,24 @@ def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = ti
     """Replace the key pair of ``name`` by the next one; return the public file.
 
     ``pause`` waits (s) before each of two steps, so that all running processes on this machine follow. First the next
-    key signs, which they all trust by then. Then the last key is no longer trusted, with which none of them signs.
+    key signs, which they all trust by then. Then the last key is no longer trusted, with which none of them signs. If
+    this is interrupted, call it again.
 
     Raises:
         SecurityError: No rotation has begun, or files cannot be written.
     """
     _check_name(name)
-    secret, public = folder / f"{name}{NEXT}{PRIVATE}", folder / f"{name}{NEXT}{PUBLIC}"
+    private, public = folder / f"{name}{PRIVATE}", folder / f"{name}{NEXT}{PUBLIC}"
+    secret = folder / f"{name}{NEXT}{PRIVATE}"
+    if os.path.lexists(public) and not os.path.lexists(secret):
+        secret = private  # an earlier call ended after the first step
     if _pem(load_private_key(secret).public_key()) != _pem(_load_public_key(public, name)):
         remedy = "delete both files and begin again: socialbot key rotate NAME"
         raise SecurityError(f"{secret.name} and {public.name} are not a pair", where=str(folder), remedy=remedy)
     try:
-        pause(2 * RELOAD_PERIOD_S)
-        secret.replace(folder / f"{name}{PRIVATE}")
+        if secret != private:
+            pause(2 * RELOAD_PERIOD_S)
+            secret.replace(private)
         pause(2 * RELOAD_PERIOD_S)
         return public.replace(folder / f"{name}{PUBLIC}")
     except OSError as error:

@@ -223,6 +223,20 @@ def _opened(environment: dict[str, str], text: str) -> str | None:
     return opener.open(text)
 
 
+def test_an_interrupted_end_of_a_rotation_can_be_repeated(machines: tuple[Machine, Machine]) -> None:
+    robot, desk = machines
+    begin_rotation("robot", robot.folder)
+    steps = iter([None])
+    with pytest.raises(StopIteration):
+        finish_rotation("robot", robot.folder, lambda _: next(steps))
+    public = finish_rotation("robot", robot.folder, lambda _: None)
+    robot.copy_to(desk, public.name)
+    for machine in machines:
+        machine.wait()
+    assert reason(robot, desk) == ""
+    assert sorted(path.name for path in robot.folder.glob("robot*")) == ["robot.key", "robot.pub"]
+
+
 def test_mistakes_in_a_rotation(tmp_path: Path) -> None:
     with pytest.raises(SecurityError, match="no such folder"):
         begin_rotation("robot", tmp_path / "none")
