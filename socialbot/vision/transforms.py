@@ -31,6 +31,9 @@ _FORGET_NS = 60 * SECOND
 _CHECKED_FRAMES, _MOST_FRAMES = 200, 2000
 """Numbers of frames from which frames are forgotten, and above which new ones are ignored."""
 
+_MOST_ANCESTORS = 100
+"""Frames between a frame and the one beyond which nothing is looked for: robots have about thirty."""
+
 _FARTHEST_M = 1e9
 """Largest coordinate of a transform: products of larger ones have no finite value."""
 
@@ -44,6 +47,9 @@ class TransformTree:
         self._check_at = _CHECKED_FRAMES
         self._forget_from, self._ignored = 0, 0
         """Stamp (ns) from which more frames can be forgotten, and the number of frames ignored since then."""
+        self._steps: dict[str, tuple[str, Matrix]] = {}
+        """Parents of frames, and transforms to them, at the stamp of the last lookup: one for many people."""
+        self._steps_at = 0
 
     def add(self, transforms: Iterable[Transform], *, moving: bool = False) -> None:
         """Add transforms. One with another parent replaces those of its frame.
@@ -54,6 +60,7 @@ class TransformTree:
             transforms: The transforms.
             moving: Whether they are repeated, as those of /tf: their frames are forgotten some time after the last.
         """
+        self._steps.clear()
         for each in transforms:
             if each.child == each.parent or not _is_usable(each):
                 continue
@@ -91,7 +98,7 @@ class TransformTree:
     def _ancestors(self, frame: str) -> set[str]:
         """``frame`` and its ancestors."""
         found: set[str] = set()
-        while frame not in found:
+        while frame not in found and len(found) <= _MOST_ANCESTORS:
             found.add(frame)
             if known := self._parents.get(frame):
                 frame = known[-1].parent
@@ -111,14 +118,22 @@ class TransformTree:
         """Transforms from ``frame`` to itself and each of its ancestors, in this order."""
         chain = {frame: np.eye(4)}
         matrix = np.eye(4)
-        while known := self._parents.get(frame):
-            nearest = min(known, key=lambda each: abs(each.stamp - stamp))
-            matrix = matrix_of(nearest.translation, nearest.rotation) @ matrix
-            frame = nearest.parent
+        while len(chain) <= _MOST_ANCESTORS and (step := self._step(frame, stamp)) is not None:
+            frame, matrix = step[0], step[1] @ matrix
             if frame in chain:
                 break
             chain[frame] = matrix
         return chain
+
+    def _step(self, frame: str, stamp: int) -> tuple[str, Matrix] | None:
+        """Parent of ``frame`` and the transform to it at about ``stamp`` (ns); None if it is a root."""
+        if stamp != self._steps_at:
+            self._steps.clear()
+            self._steps_at = stamp
+        if (found := self._steps.get(frame)) is None and (known := self._parents.get(frame)):
+            nearest = min(known, key=lambda each: abs(each.stamp - stamp))
+            found = self._steps[frame] = nearest.parent, matrix_of(nearest.translation, nearest.rotation)
+        return found
 
 
 def _is_usable(transform: Transform) -> bool:

@@ -38,6 +38,33 @@ def test_circles_of_frames_end() -> None:
     assert tree.frames() == {"a", "b", "c"}
 
 
+def test_a_long_chain_of_frames_costs_little_for_many_people() -> None:
+    tree = TransformTree()
+    chain = [link(f"{number}", f"{number + 1}") for number in range(1000)]
+    for _ in range(200):
+        tree.add([*chain, *(link("1000", f"body_{number}") for number in range(900))])
+    begin = time.process_time()
+    for number in range(900):
+        assert tree.lookup("0", f"body_{number}", 0) is None
+    assert time.process_time() - begin < 3.0
+    assert tree.moved_at("0", "1000") is None
+    near = tree.lookup("950", "body_1", 0)
+    assert near is not None
+    assert near[0, 3] == pytest.approx(51.0)
+
+
+def test_transforms_that_arrive_between_two_lookups_count() -> None:
+    tree = TransformTree()
+    for x, stamp in ((1.0, 0), (2.0, 5), (3.0, 7)):
+        tree.add([link("base", "camera", x, stamp)], moving=True)
+        found = tree.lookup("base", "camera", 7)
+        assert found is not None
+        assert found[0, 3] == pytest.approx(x)
+    found = tree.lookup("base", "camera", 5)
+    assert found is not None
+    assert found[0, 3] == pytest.approx(2.0)
+
+
 def test_frames_of_people_who_left_are_forgotten() -> None:
     tree = TransformTree()
     tree.add([link("base", "camera")])
