@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -29,7 +29,14 @@ _SIT_S, _SETTLE_S, _TURN_S = 1.4, 0.30, 0.35
 _SEAT_M = 0.42  # A person stands this far before a seat to sit down.
 _ROBOT_M = 0.3
 _BESIDE_M = 0.28  # Room that walkers leave beside furniture.
+LONGEST_S = 86_400.0
+"""Longest time in a script, s."""
+MOST_STEPS = 1_000_000
+"""Moments of all people of a script together, about 14 hours."""
 _ROUND = {"column": 0.2, "plant": 0.26, "bin": 0.16, "low_table": 0.62}  # Furniture that people walk around, radius.
+
+
+_Duration = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)]
 
 
 class Leg(msgspec.Struct, frozen=True):
@@ -44,10 +51,10 @@ class Leg(msgspec.Struct, frozen=True):
     """
 
     walk: str | Spot | None = None
-    stand: float | None = None
-    talk: float | None = None
+    stand: _Duration | None = None
+    talk: _Duration | None = None
     sit: str | None = None
-    seconds: float = 10.0
+    seconds: _Duration = 10.0
     to: str = ""
     face: str = ""
     speed: float = _WALK_MPS
@@ -66,7 +73,7 @@ class Actor(msgspec.Struct, frozen=True):
     id: str
     enter: str
     legs: tuple[Leg, ...]
-    start: float = 0.0
+    start: Annotated[float, msgspec.Meta(ge=-LONGEST_S, le=LONGEST_S)] = 0.0
     looks: int | None = None
 
 
@@ -75,7 +82,7 @@ class Script(msgspec.Struct, frozen=True):
 
     place: str
     people: tuple[Actor, ...]
-    duration: float | None = None
+    duration: _Duration | None = None
 
 
 def read_script(text: str, *, where: str) -> Script:
@@ -124,13 +131,15 @@ class Motion:
     Args:
         actor: The person and what they do.
         place: Room, doors and furniture.
+        most: Moments that the person may stay.
 
     Raises:
-        ParameterError: A leg names an unknown door, spot or seat.
+        ParameterError: A leg names an unknown door, spot or seat, or the person stays longer.
     """
 
-    def __init__(self, actor: Actor, place: Place) -> None:
+    def __init__(self, actor: Actor, place: Place, most: int = MOST_STEPS) -> None:
         self.actor = actor
+        self._most = most
         self.episodes: list[Episode] = []
         self._place = place
         self._samples = _Samples()
@@ -191,6 +200,10 @@ class Motion:
 
     def _put(self, x: float, y: float, heading: float, face: str, seated: float = 0.0, talking: float = 0.0) -> None:
         samples = self._samples
+        if len(samples.x) >= self._most:
+            hours = MOST_STEPS * _STEP_S / 3600
+            what = f"the people of a script may stay for {hours:.1f} hours together"
+            raise ParameterError(what, where=self.actor.id, remedy="shorten the legs")
         for values, value in (
             (samples.x, x), (samples.y, y), (samples.heading, heading), (samples.face, face),
             (samples.seated, seated), (samples.talking, talking),
@@ -328,7 +341,11 @@ class Crowd:
 
     def __init__(self, script: Script, place: Place, *, seed: int = 0) -> None:
         self.script, self.place = script, place
-        self.motions = {actor.id: Motion(actor, place) for actor in script.people}
+        self.motions: dict[str, Motion] = {}
+        left = MOST_STEPS
+        for actor in script.people:
+            self.motions[actor.id] = motion = Motion(actor, place, left)
+            left -= len(motion.x)
         for motion in self.motions.values():
             motion.settle(self.motions)
         self._seed = seed

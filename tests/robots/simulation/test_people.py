@@ -44,6 +44,24 @@ def crowd(text: str = SCRIPT) -> Crowd:
     return Crowd(script, load_place(script.place))
 
 
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (("talk: 6", "talk: 1.0e9"), "script:8: 'talk'"),
+        (("seconds: 5", "seconds: -1"), "script:18: 'seconds'"),
+        (("start: 1.5", "start: 1.0e308"), "script:14: 'start'"),
+        (("place: foyer", "place: foyer\nduration: 1.0e308"), "script:3: 'duration'"),
+        (("[4.6, -3.3]", "[1.0e300, 0]"), "ben.*hours together"),
+        (("talk: 6", "talk: 50001"), "ada.*hours together"),
+        (("talk: ", "talk: 3000"), "ben.*hours together"),
+    ],
+)
+def test_people_who_stay_without_end_are_refused(change, fault):
+    text = SCRIPT.replace(*change)
+    with pytest.raises(ParameterError, match=fault):
+        crowd(text)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_standing_body_is_as_tall_as_its_looks_say_and_stands_on_the_floor(seed):
     body = figure(random_looks(random.Random(seed)))
