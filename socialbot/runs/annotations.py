@@ -6,6 +6,7 @@ The format of ELAN is EAF 3.0 (https://www.mpi.nl/tools/elan/EAF_Annotation_Form
 from __future__ import annotations
 
 import csv
+import heapq
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from itertools import pairwise
@@ -159,12 +160,18 @@ def _apart(found: list[Annotation]) -> list[list[tuple[int, int, str]]]:
     begins = sorted({round(begin_s * 1000) for begin_s, _, _ in found})
     following = dict(pairwise(begins))
     groups: list[list[tuple[int, int, str]]] = []
+    busy: list[tuple[int, int]] = []
+    free: list[int] = []
+    """Ends and places of the last annotations of groups, and the places of groups that have ended."""
     for begin_s, end_s, text in sorted(found, key=lambda each: each[0]):
         begin = round(begin_s * 1000)
         moment = begin + round(MOMENT_S * 1000)
         end = min(moment, following.get(begin, moment)) if end_s is None else max(round(end_s * 1000), begin + 1)
-        group = next((each for each in groups if each[-1][1] <= begin), None)
-        if group is None:
-            groups.append(group := [])
-        group.append((begin, end, text))
+        while busy and busy[0][0] <= begin:
+            heapq.heappush(free, heapq.heappop(busy)[1])
+        if not free:
+            groups.append([])
+        place = heapq.heappop(free) if free else len(groups) - 1
+        groups[place].append((begin, end, text))
+        heapq.heappush(busy, (end, place))
     return groups

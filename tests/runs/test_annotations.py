@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import shutil
+import time
 import xml.etree.ElementTree as ElementTree
 from itertools import pairwise
 from pathlib import Path
@@ -109,6 +110,14 @@ def test_annotations_that_overlap_keep_their_times(tmp_path: Path):
         "cook: beliefs, present (3)": [(1000, 9000, 'present("b")')],
         "cook: actions": [(4000, 4200, "wave()"), (4200, 4700, "nod()")],
     }
+
+
+def test_thousands_of_beliefs_that_overlap_take_little_time(tmp_path: Path):
+    run = run_of(tmp_path / "run", *((1.0 + number / 1000, "belief", f"seen({number})") for number in range(20_000)))
+    begin = time.process_time()
+    assert write_elan(run, tmp_path / "run.eaf") == 20_000
+    assert time.process_time() - begin < 6.0
+    assert len(tiers(tmp_path / "run.eaf")) == 19_999  # the last begins when the others end
 
 
 def test_a_goal_and_a_belief_may_be_called_the_same(tmp_path: Path):
