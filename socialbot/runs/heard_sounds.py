@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import wave
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 
 from socialbot.bags.reader import Bag
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import MessageError
 from socialbot.core.messages import AudioData
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import SOUNDS
+from socialbot.speech.audio import samples_of
 
 SOUND_TOPIC = "/audio"
+_NAME = re.compile(r"[\w-]+\.wav")
 MARGIN_S = 0.2
 """Time before and after each sentence that is kept."""
 
@@ -26,13 +30,16 @@ def heard_sound(record_id: str) -> str:
 def write_heard(bag: Bag, folder: Path) -> int:
     """Write the sound of each heard sentence of the run in ``folder``; return their number.
 
+    Sound that no node can hear is left out, and so is a record whose id is no name of a file.
+
     Raises:
         BagError: The bag is damaged.
         OSError: The disk is full.
     """
     if SOUND_TOPIC not in {topic.name for topic in bag.topics}:
         return 0
-    heard = [record for record in open_run(folder).history if record.kind == "hearing"]
+    records = [record for record in open_run(folder).history if record.kind == "hearing"]
+    heard = [record for record in records if _NAME.fullmatch(heard_sound(record.id))]
     margin = nanoseconds(MARGIN_S)
     spans = {each.id: (int(each.detail.get("start", each.stamp)) - margin, each.stamp + margin) for each in heard}
     pieces: dict[str, list[np.ndarray]] = {}
@@ -40,7 +47,10 @@ def write_heard(bag: Bag, folder: Path) -> int:
     for _, message in bag.messages({SOUND_TOPIC: SOUND_TOPIC}) if spans else ():
         if not isinstance(message, AudioData):
             continue
-        samples = np.frombuffer(message.samples, "<i2").reshape(-1, message.channels)[:, 0]
+        try:
+            samples = samples_of(message)[:, 0]
+        except MessageError:  # its node has counted it
+            continue
         end = message.stamp + len(samples) * SECOND // message.sample_rate
         for record_id, (begin, until) in spans.items():
             if message.stamp < until and end > begin:

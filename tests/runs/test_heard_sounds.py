@@ -9,7 +9,7 @@ import pytest
 from socialbot.bags.reader import open_bag
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import AudioData, HeardSpeech, Message
+from socialbot.core.messages import AudioData, HeardSpeech, Message, TraceRecord
 from socialbot.runs.folder import open_run
 from socialbot.runs.heard_sounds import heard_sound, write_heard
 from socialbot.runs.record import WELL, RunRecord
@@ -53,6 +53,26 @@ def test_the_sound_of_each_sentence_is_cut_from_the_bag(tmp_path):
     assert opened.sound(heard_sound(heard.id)) is not None
     lanes = {lane.name: lane.bars for lane in opened.timeline.lanes()}
     assert [(bar.text, bar.to_s) for bar in lanes["heard"]] == [("Hello", 0.0)]
+
+
+def test_the_id_of_a_record_leads_out_of_no_folder(tmp_path):
+    """Without keys, other programs can publish records during a replay over ROS."""
+    detail = {"start": 2 * SECOND}
+    record = TraceRecord(stamp=3 * SECOND, id="../../else", source="x", kind="hearing", what="Hello", detail=detail)
+    run = run_with(tmp_path / "run", record, HeardSpeech(stamp=4 * SECOND, start=3 * SECOND, text="Hello"))
+    with open_bag(bag_with_sound(tmp_path / "bag")) as bag:
+        assert write_heard(bag, run) == 1
+    assert not (tmp_path / "else.wav").exists()
+
+
+@pytest.mark.parametrize("wrong", [{"samples": b"abc"}, {"channels": 3}, {"channels": 100}, {"sample_rate": 2**40}])
+def test_sound_that_no_node_can_hear_is_left_out(tmp_path, wrong):
+    message = AudioData(**{"stamp": SECOND, "samples": bytes(2 * RATE), "sample_rate": RATE, **wrong})
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write("/audio", message, SECOND)
+    run = run_with(tmp_path / "run", HeardSpeech(stamp=2 * SECOND, start=SECOND, text="Hello"))
+    with open_bag(tmp_path / "bag") as bag:
+        assert write_heard(bag, run) == 0
 
 
 @pytest.mark.slow
