@@ -108,7 +108,7 @@ def replay_bag(
     from socialbot.runs.bag_images import write_video
     from socialbot.runs.console import Display
     from socialbot.runs.heard_sounds import write_heard
-    from socialbot.runs.record import RunRecord
+    from socialbot.runs.record import VIDEO, RunRecord
     from socialbot.runtime.bag_source import BagSource, find_truth
     from socialbot.runtime.perception_cache import PerceptionCache
     from socialbot.runtime.run import new_run_folder, run
@@ -140,9 +140,7 @@ def replay_bag(
             video = video and privacy != "no-images"
             if video and topic is not None and record.detections and not _is_without_images(bag):
                 with options.bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
-                    write_video(
-                        opened, topic, record, source.truth, folder / "annotated.mp4", advance, blur=privacy == "blur"
-                    )
+                    write_video(opened, topic, record, source.truth, folder / VIDEO, advance, blur=privacy == "blur")
     print_outcome(console, result)
     print_dialogue(console, record.folder)
     write_page(console, record, title)

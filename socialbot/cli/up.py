@@ -54,7 +54,7 @@ def up(
     from socialbot.core.process_guard import guarded, report_alive
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
-    from socialbot.runs.record import RunTrace, log_bytes
+    from socialbot.runs.record import LOGS, RunTrace, log_bytes
     from socialbot.runs.serving import Address, token_given
     from socialbot.runtime.deployment import is_deployment, load_deployment
     from socialbot.runtime.machine import LiveSource, machine_source
@@ -71,7 +71,7 @@ def up(
             machine = machine or deployment.this_machine()
             nodes = ", ".join(config.name for config in deployment.half(machine))
             whole = with_changes(deployment.graph, changes)
-            source = stack.enter_context(machine_source(deployment, machine, folder / "log", minds))
+            source = stack.enter_context(machine_source(deployment, machine, folder / LOGS, minds))
             if verbose:
                 console.print(f"{whole.name} on {machine}: {nodes or 'no node'}", markup=False)
         else:

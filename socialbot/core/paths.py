@@ -35,8 +35,11 @@ def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check t
 
 
 def leads_inside(folder: Path, path: Path) -> bool:
-    """Whether ``path`` is in ``folder``, and is no link to elsewhere."""
-    return path.resolve().is_relative_to(folder.resolve())
+    """Whether ``path`` is in ``folder``, and is no link to elsewhere or to itself."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):
+        return False
 
 
 def expect_inside(folder: Path, path: Path) -> Path:
@@ -48,6 +51,19 @@ def expect_inside(folder: Path, path: Path) -> Path:
     if not leads_inside(folder, path):
         raise RunError("is a link that leads out of its folder", where=str(path), remedy="remove the link")
     return path
+
+
+def expect_all_inside(folder: Path) -> None:
+    """Check a folder whose files are to be written.
+
+    Raises:
+        RunError: It is a link that leads out of its own folder, or holds a link that leads there.
+    """
+    expect_inside(folder.parent, folder)
+    for parent, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            if os.path.islink(path := Path(parent, name)):
+                expect_inside(folder.parent, path)
 
 
 @contextmanager

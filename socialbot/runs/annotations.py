@@ -16,6 +16,7 @@ from socialbot.core.errors import RunError
 from socialbot.core.paths import writing
 from socialbot.core.terminal import without_controls
 from socialbot.runs.folder import RecordedRun
+from socialbot.runs.record import VIDEO
 from socialbot.runs.visits import visits_of
 
 MOMENT_S = 0.5
@@ -83,7 +84,7 @@ def write_elan(run: RecordedRun, path: Path) -> int:
         "ANNOTATION_DOCUMENT", AUTHOR="", DATE="1970-01-01T00:00:00+00:00", FORMAT="3.0", VERSION="3.0"
     )
     header = ElementTree.SubElement(document, "HEADER", MEDIA_FILE="", TIME_UNITS="milliseconds")
-    if (video := run.folder / "annotated.mp4").is_file():
+    if (video := run.folder / VIDEO).is_file():
         ElementTree.SubElement(header, "MEDIA_DESCRIPTOR", MEDIA_URL=video.resolve().as_uri(), MIME_TYPE="video/mp4")
     for name, value in run.results.get("labels", {}).items():
         ElementTree.SubElement(header, "PROPERTY", NAME=without_controls(name)).text = without_controls(value)

@@ -56,6 +56,11 @@ TRACE, SEEN, RESULTS = "trace.jsonl", "seen.jsonl", "results.json"
 SOUNDS = "speech"
 """Folder of sound files of utterances in the folder of a run."""
 
+LOGS, MINDS = "log", "minds"
+"""Folders of logs of processes, and of saved states of agents, in the folder of a run."""
+
+VIDEO = "annotated.mp4"
+
 SCORED = "scored.jsonl"
 """File with found, missed and false detections by frame with ground truth."""
 
@@ -121,8 +126,10 @@ class RunTrace:
         self.labels = dict(labels or {})
         self.privacy: Privacy = "none"
         self._max_bytes = max_bytes
-        for name in (GRAPH, SEEN, RESULTS, SCORED):
+        for name in (GRAPH, SEEN, RESULTS, SCORED, VIDEO):
             paths.expect_inside(folder, folder / name)
+        for name in (SOUNDS, LOGS, MINDS):
+            paths.expect_all_inside(folder / name)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._trace = LossyLog(BoundedLog(folder / TRACE, max_bytes))

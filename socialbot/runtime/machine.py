@@ -25,6 +25,7 @@ from socialbot.core.messages import Health
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
+from socialbot.runs.record import MINDS
 from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RenewalBackoff
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
@@ -61,7 +62,7 @@ class LiveSource(RunSource):
     missed: Callable[[], tuple[float, float] | None] = lambda: None
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
-        return with_state_files(with_speech_files(graph, folder), self.state_folder or folder / "minds")
+        return with_state_files(with_speech_files(graph, folder), self.state_folder or folder / MINDS)
 
     def execute(self, execution: Execution) -> None:
         """Raises what `Supervisor.attend` does."""
@@ -319,7 +320,7 @@ def graph_processes(
 
     ``folder`` receives the graph file and, without a ``state_folder``, the saved state of agents.
     """
-    file = write_graph(with_state_files(graph, state_folder or folder / "minds"), folder.resolve())
+    file = write_graph(with_state_files(graph, state_folder or folder / MINDS), folder.resolve())
     prepared = dict(os.environ)
     environment.prepare(prepared)
     paths.allow(folder, prepared)

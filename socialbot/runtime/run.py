@@ -24,6 +24,7 @@ from socialbot.graph.inline import InlineRunner, Recorded
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.difference import DecisionComparison
 from socialbot.runs.record import (
+    LOGS,
     RECORDED,
     SOUNDS,
     WELL,
@@ -127,7 +128,7 @@ class Execution:
 
     @property
     def logs(self) -> Path:
-        return self.record.folder / "log"
+        return self.record.folder / LOGS
 
     @contextmanager
     def inline(

@@ -236,7 +236,9 @@ def test_event_log_topics_of_the_hospital():
     assert event_log_topics(load_graph("cleaner")) == {}
 
 
-@pytest.mark.parametrize("name", ["graph.yaml", "seen.jsonl", "results.json", "scored.jsonl", "trace.jsonl"])
+@pytest.mark.parametrize(
+    "name", ["graph.yaml", "seen.jsonl", "results.json", "scored.jsonl", "trace.jsonl", "annotated.mp4"]
+)
 def test_a_folder_with_a_link_to_elsewhere_is_refused(tmp_path, name):
     outside = tmp_path / "outside"
     outside.write_text("mine")
@@ -245,3 +247,33 @@ def test_a_folder_with_a_link_to_elsewhere_is_refused(tmp_path, name):
     with pytest.raises(SocialbotError):
         RunTrace(tmp_path / "run")
     assert outside.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["log", "minds", "speech"])
+@pytest.mark.parametrize("inner", ["", "node.log"])
+def test_a_folder_whose_folders_lead_elsewhere_is_refused(tmp_path, name, inner):
+    """Processes, agents and speech write there."""
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    run = tmp_path / "run"
+    (run / name / inner).parent.mkdir(parents=True)
+    (run / name / inner).symlink_to(outside)
+    with pytest.raises(SocialbotError, match="is a link that leads out of its folder"):
+        RunTrace(run)
+    assert list(outside.iterdir()) == []
+
+
+def test_a_folder_with_links_inside_may_be_used(tmp_path):
+    for name in ("speech", "sounds"):
+        (tmp_path / "run" / name).mkdir(parents=True)
+    (tmp_path / "run" / "speech" / "old").symlink_to(tmp_path / "run" / "sounds")
+    (tmp_path / "run" / "other").symlink_to(tmp_path)
+    with RunTrace(tmp_path / "run") as trace:
+        assert trace.size == 0
+
+
+def test_a_folder_with_a_link_to_itself_is_refused(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "log").symlink_to("log")
+    with pytest.raises(SocialbotError, match="is a link"):
+        RunTrace(tmp_path / "run")
