@@ -26,6 +26,7 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.ros_action import RosAction
 from socialbot.bdi import Belief, Failed
 from socialbot.bdi.sensors import Sensed
+from socialbot.core import limits
 from socialbot.core.messages import NO_JSON
 from socialbot.graph.services import ActionClient
 
@@ -48,7 +49,7 @@ class ask(RosAction):
 
     ``schema`` is the JSON schema of the answers that the skill expects; empty for any. ``person`` is the ROS4HRI id of
     the person to ask; empty for anybody. The action fails with ``error("refused")`` if the skill reports an error, and
-    with ``error("not_understood")`` if the answers are no JSON object.
+    with ``error("not_understood")`` if the answers are no JSON object, or longer than a sentence may be.
     """
 
     client = "asking"
@@ -61,6 +62,9 @@ class ask(RosAction):
         outcome = getattr(result, "result", None)
         if code := getattr(outcome, "error_code", 0):
             raise Failed("refused", getattr(outcome, "error_msg", "") or f"error {code} of the skill")
+        if len(result.answers) > limits.SENTENCE_CHARACTERS:
+            most = limits.SENTENCE_CHARACTERS
+            raise Failed("not_understood", f"the answers have {len(result.answers)} characters, more than {most}")
         try:
             answers = msgspec.json.decode(result.answers.encode())
         except NO_JSON as error:

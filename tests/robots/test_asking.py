@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -96,6 +97,7 @@ def test_answers_become_beliefs():
         ('{"sugar": 1e999}', 0, "not_understood"),
         ('{"sugar": "\\ud800"}', 0, "not_understood"),
         ("[" * 100_000, 0, "not_understood"),
+        (json.dumps(dict.fromkeys(map(str, range(2000)), 1)), 0, "not_understood"),
     ],
 )
 def test_a_question_that_fails_has_a_reason(answers, code, why):
