@@ -28,6 +28,7 @@ class Driver(Node):
     change_state = Service("lifecycle_msgs/srv/ChangeState", "/lidar/driver/change_state")
     state = Parameter("unconfigured", "present state")
     fails = Parameter(False, "whether transitions fail")
+    lies = Parameter(False, "whether the node tells of transitions to active without being active")
     requests: tuple[int, ...] = ()
 
     @get_state
@@ -37,6 +38,10 @@ class Driver(Node):
     @change_state
     def on_change_state(self, request: Any, response: Any) -> Any:
         self.requests += (request.transition.id,)
+        assert len(self.requests) < 1000
+        if self.lies and request.transition.id == 3:
+            self.set_parameter("state", "unconfigured")
+            return {"success": True}
         if not self.fails:
             self.set_parameter("state", TARGETS[request.transition.id])
         return {"success": not self.fails}
@@ -108,6 +113,20 @@ def test_failed_transition_is_repeated_after_a_while():
         test.run(2.5)
         assert driver.requests == (1, 1)
         driver.set_parameter("fails", False)
+        test.run(6.0)
+        assert states(test)[-1] == ("active", True)
+
+
+def test_a_node_whose_transitions_lead_nowhere_is_asked_seldom():
+    """A stranger may answer in its place, as fast as it is asked."""
+    with GraphTester(graph_of("{state: active, manage: true}", driver="{lies: true}")) as test:
+        driver = test.node("driver")
+        test.run(4.0)
+        assert driver.requests == (1, 3)
+        assert test.node("reader").seen[-1].reason == "/lidar/driver is unconfigured again after its transitions"
+        test.run(10.0)
+        assert len(driver.requests) == 6
+        driver.set_parameter("lies", False)
         test.run(6.0)
         assert states(test)[-1] == ("active", True)
 

@@ -14,6 +14,7 @@ from socialbot.graph.services import Client, ServiceCaller
 
 START_S = 5.0  # time for the node to appear; it is not lost before
 RETRY_S = 5.0  # time after a failed transition until the next request
+MOST_TRANSITIONS = 2  # transitions from any state to the needed one; more of them in a row lead nowhere
 TRANSITION_S = 10.0  # time limit for a transition, in which the node may answer nothing else
 
 ForeignState = Literal["running", "unconfigured", "inactive", "active", "finalized", "changing", "lost"]
@@ -74,6 +75,7 @@ class ForeignNode(Node):
     _begun = _retry_at = 0
     _published: ForeignNodeState | None = None
     _failure = ""
+    _transitions = 0  # in a row, without the needed state
 
     def start(self) -> None:
         if not self.node:
@@ -93,7 +95,11 @@ class ForeignNode(Node):
         label = result.message.current_state.label if self.state else "running"
         present: ForeignState = label if label in get_args(ForeignState) else "changing"
         transition = _NEXT.get((present, self.state), "") if self.manage else ""
+        if transition and self._transitions >= MOST_TRANSITIONS:
+            self._transitions = 0
+            self._fail(f"{self.node} is {present} again after its transitions")
         if transition and self.clock.now() >= self._retry_at:
+            self._transitions += 1
             self._publish(present, self._failure or f"{self.node} is {present}, not {self.state}")
             request = {"transition": {"id": _TRANSITION_IDS[transition], "label": transition}}
             self.change_state.call(
@@ -105,7 +111,7 @@ class ForeignNode(Node):
             other = ended if present == "finalized" else f"{self.node} is {present}, not {self.state}"
             self._publish(present, self._failure or other)
         else:
-            self._failure = ""
+            self._failure, self._transitions = "", 0
             self._publish(present, "")
         self.call_after(self.period_s, self._look)
 
@@ -114,12 +120,14 @@ class ForeignNode(Node):
             self._on_no_answer(result)
             return
         if not result.message.success:
-            self._failure = f"{self.node} failed to {transition}: see its log"
-            self._retry_at = self.clock.now() + nanoseconds(RETRY_S)
-            self.log.warning("%s", self._failure)
+            self._fail(f"{self.node} failed to {transition}: see its log")
         else:
             self._failure = ""
         self._look()
+
+    def _fail(self, why: str) -> None:
+        self._failure, self._retry_at = why, self.clock.now() + nanoseconds(RETRY_S)
+        self.log.warning("%s", why)
 
     def _on_no_answer(self, result: CallResult) -> None:
         if self._published is not None or self.clock.now() >= self._begun + nanoseconds(START_S):
