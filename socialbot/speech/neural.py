@@ -79,7 +79,7 @@ class PiperVoice:
 
     def __init__(self, voice: str, rate_wpm: int = _STANDARD_WPM) -> None:
         self._path = _find(voice.removeprefix(PREFIX))
-        config = _read_config(self._path.with_name(f"{self._path.name}.json"))
+        config = read_config(self._path.with_name(f"{self._path.name}.json"))
         self._ids: Mapping[str, Sequence[int]] = config["phoneme_id_map"]
         self._espeak_voice: str = config["espeak"]["voice"]
         self._sample_rate: int = config["audio"]["sample_rate"]
@@ -248,7 +248,8 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def _read_config(path: Path) -> dict[str, Any]:
+def read_config(path: Path) -> dict[str, Any]:
+    """Read the configuration of a voice. Raises ParameterError if a part is missing."""
     try:
         config = json.loads(read_bytes(path, TEXT_BYTES))
         if config.get("phoneme_type", "espeak") != "espeak":

@@ -23,10 +23,14 @@ import msgspec
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from socialbot.agents.dialogue.script import load_script
+from socialbot.agents.dialogue.language_model import Prompt
+from socialbot.agents.dialogue.proposals import Proposals
+from socialbot.agents.dialogue.proposed_plans import Whitelist
+from socialbot.agents.dialogue.script import Script, load_script
 from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.ward import parse_faults as parse_ward_faults
+from socialbot.agents.reception.building import load_building
 from socialbot.agents.teams.missions import CoordinatorMemory
 from socialbot.agents.warehouse.layout import parse_layout
 from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
@@ -46,7 +50,7 @@ from socialbot.bridge.keys import Keys, load_private_key
 from socialbot.bridge.message_tags import LEAST_BYTES, TagKeys
 from socialbot.bridge.security import Freshness, Opener, Stream
 from socialbot.bridge.topics import parse_message
-from socialbot.core import paths
+from socialbot.core import limits, paths
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
 from socialbot.core.messages import (
@@ -67,9 +71,14 @@ from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.robots.profile import parse_profile
+from socialbot.robots.simulation.people import read_script
 from socialbot.robots.simulation.place import read_place
+from socialbot.runs.sweeps import BagResult
 from socialbot.runtime.deployment import load_deployment
+from socialbot.runtime.sweeps import Journal, parse_variation
 from socialbot.speech.audio import read_wav
+from socialbot.speech.neural import read_config, split
+from socialbot.speech.speaker import without_markup
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.camera_pose import load_pose
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
@@ -249,6 +258,7 @@ def _file(read: Callable[[Path], object], name: str = "input") -> Callable[[byte
 
     def decode(data: bytes) -> object:
         path = scratch() / name
+        path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         return read(path)
 
@@ -316,6 +326,15 @@ def _files() -> Iterator[Decoder]:
     yield Decoder("place", lambda data: read_place(text_of(data), where="place"), places)
     layouts = (b"carriers: 2\nstacks: [[box_1], []]\ndeposits: [[box_1], []]\n", b"carriers: 3\nboxes: 9\nseed: 3\n")
     yield Decoder("layout", lambda data: parse_layout(text_of(data), where="layout"), layouts)
+    script = b"place: foyer\npeople:\n- id: ada\n  enter: entrance\n  legs: [{walk: [1, 2]}, {talk: 6, to: ada}]\n"
+    yield Decoder("people-script", lambda data: read_script(text_of(data), where="script"), (script,))
+    building = _content("agents/reception/building.yaml")
+    yield Decoder("building", lambda data: load_building("building", text_of(data)), building)
+    journal = Journal(scratch() / "made" / "results.jsonl")
+    journal.add("a", BagResult(bag="film"))
+    yield Decoder("sweep-journal", _file(Journal, "sweep/results.jsonl"), (journal.path.read_bytes(),))
+    config = {"phoneme_id_map": {"^": [1], "$": [2], "_": [0]}, "espeak": {"voice": "en"}, "audio": {"sample_rate": 1}}
+    yield Decoder("voice", _file(read_config, "a.onnx.json"), (json.dumps(config).encode(),))
     robots = _content("robots/profiles/tiago.yaml")
     yield Decoder("robot", lambda data: parse_profile(text_of(data), "robot.yaml"), robots)
 
@@ -543,7 +562,50 @@ def _words() -> Iterator[Decoder]:
     )
     policies = (b"a, b\na\nb\na,b\n0.5, 1.0",)
     yield Decoder("policies", _policies, policies)
+    yield Decoder("variation", _variation, (b"head.range_m=1:9:0.5", b"head.mode=a,b", b"head.range_m=2:3:1"))
+    yield Decoder("said", _said, (b"Where is the *library*, please? <b>Dr. Miller</b> [asks](x) at 2.15.",))
+    answers = (
+        b'{"intent": "directions", "slots": {"place": "library"}}',
+        b"At 2 s, I greeted t1.",
+        b"+!greet(X) : near(X) & X > 2 <- say(X); if (near(X)) { say(X + 1) }; ?near(Y); !greet(Y).",
+    )
+    yield Decoder("proposals", _proposed, answers)
     yield Decoder("parameters", _check_parameters, tuple(_defaults()))
+
+
+def _variation(data: bytes) -> None:
+    parse_variation(text_of(data)).listed()
+
+
+def _said(data: bytes) -> None:
+    """Understand a sentence, and say it."""
+    grammar, text = _small_talk().grammar, text_of(data)[: limits.SENTENCE_CHARACTERS]
+    for language in grammar.languages:
+        grammar.read(text, language)
+    split(without_markup(text))
+
+
+@functools.cache
+def _small_talk() -> Script:
+    return load_script("dialogue", text_of(_content("agents/waldo/small_talk.yaml")[0]))
+
+
+class _Model:
+    """Language model with one answer."""
+
+    def __init__(self, answer: str) -> None:
+        self._answer = answer
+
+    def complete(self, prompt: Prompt) -> str:
+        return self._answer
+
+
+def _proposed(data: bytes) -> None:
+    proposals = Proposals(_Model(text_of(data)), lambda *_, **__: "r1")
+    proposals.intent("Where is the library?", {"directions": ("place",)})
+    proposals.phrasing(["I greeted t1 at 2 s."], "I greeted t1 at 2 s.")
+    known = Whitelist(goals={"greet": 1}, actions={"say": 1}, beliefs={"near": 1})
+    proposals.plan("greet people", known)
 
 
 def _policies(data: bytes) -> None:
