@@ -49,6 +49,9 @@ HIGHEST_DOMAIN = 232
 DomainNumber = Annotated[int, msgspec.Meta(ge=0, le=HIGHEST_DOMAIN)]
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
+SKIP_VARIABLE = "SKIP_DEFAULT_XML_FILE"
+"""Variable that keeps Fast DDS from a profile in the working directory, DEFAULT_FASTRTPS_PROFILES.xml, if it is 1."""
+
 KEYS_VARIABLE = "SOCIALBOT_KEYS"
 """Variable with the key folder, and the name of the own key if there are several: FOLDER or FOLDER:NAME."""
 
@@ -130,6 +133,8 @@ def prepare(
     environment[PARTICIPANTS_VARIABLE] = environment.get(PARTICIPANTS_VARIABLE) or str(PARTICIPANTS)
     if environment.get(PROFILE_VARIABLE, "") in ("", str(PROFILE), str(WIFI_PROFILE)):
         environment[PROFILE_VARIABLE] = str(WIFI_PROFILE if opened else PROFILE)
+    # Somebody else may have put a profile there, as in /tmp or a folder of theirs, that opens the graph to the network.
+    environment[SKIP_VARIABLE] = environment.get(SKIP_VARIABLE) or "1"
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
     if log_folder is not None:

@@ -70,11 +70,7 @@ def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
 
 
-@pytest.mark.ros
-def test_a_node_whose_profile_cannot_be_written_is_bound_to_the_loopback_address(tmp_path: Path) -> None:
-    """Fast DDS reads no profile from memory, and without one it listens on all addresses."""
-    (tmp_path / "log").touch()  # in the place of a folder
-    program = """
+LISTENS = """
 import os
 from pathlib import Path
 from socialbot.bridge.environment import prepare, ros_domain, spinning_node, use_topics
@@ -88,11 +84,33 @@ with spinning_node("quiet"):
         if f"socket:[{line.split()[9]}]" in own and int(port, 16) - 7400 - 250 * ros_domain() in range(250):
             print(address)
 """
-    variables = {**os.environ, "ROS_LOG_DIR": str(tmp_path / "log" / "ros"), PROFILE: ""}
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=True, timeout=300, capture_output=True, text=True, env=variables
+"""Program that prints the addresses on which a node listens."""
+
+
+def listened(folder: Path, **variables: str) -> set[str]:
+    """The addresses on which a node listens that starts in ``folder``."""
+    given = {**os.environ, PROFILE: "", "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **variables}
+    command = [sys.executable, "-c", LISTENS]
+    done = subprocess.run(command, check=True, timeout=300, capture_output=True, text=True, env=given, cwd=folder)
+    return set(done.stdout.split())
+
+
+@pytest.mark.ros
+def test_a_node_whose_profile_cannot_be_written_is_bound_to_the_loopback_address(tmp_path: Path) -> None:
+    """Fast DDS reads no profile from memory, and without one it listens on all addresses."""
+    (tmp_path / "log").touch()  # in the place of a folder
+    assert listened(Path.cwd(), ROS_LOG_DIR=str(tmp_path / "log" / "ros")) == {"0100007F"}
+
+
+@pytest.mark.ros
+def test_a_profile_that_somebody_else_put_into_the_working_directory_is_not_used(tmp_path: Path) -> None:
+    """Fast DDS would read it after that of socialbot, and listen on all addresses."""
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text(
+        '<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>'
+        '<participant profile_name="open" is_default_profile="true"/></profiles></dds>'
     )
-    assert set(done.stdout.split()) == {"0100007F"}
+    assert listened(tmp_path) == {"0100007F"}
+    assert "00000000" in listened(tmp_path, SKIP_DEFAULT_XML_FILE="0"), "as its user wishes"
 
 
 @pytest.fixture
