@@ -29,6 +29,7 @@ from socialbot.bridge.transport import message_class, open_topics, open_transpor
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.messages import RosMessage
+from socialbot.core.process import python_command
 from socialbot.graph.node import Graph
 
 State = Literal["ok", "warning", "error"]
@@ -314,7 +315,7 @@ def _tag(element: ElementTree.Element) -> str:
 
 def _python(*arguments: str, timeout_s: float, variables: Mapping[str, str] | None = None) -> str:
     """Output of a Python process. Raises NodeError with the cause of a failure."""
-    command = [sys.executable, *arguments]
+    command = python_command(*arguments)
     try:
         done = subprocess.run(
             command, env=variables, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=timeout_s

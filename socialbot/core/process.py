@@ -119,6 +119,35 @@ def allow_deep_recursion() -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), FRAMES))
 
 
+def python_command(*arguments: str) -> list[str]:
+    """Return a command that runs Python, and imports nothing from the working directory, unless this process does.
+
+    Otherwise files there would take the place of installed modules, also if their names are equal by chance. Python
+    3.10 has no option for that.
+    """
+    try:
+        here = os.getcwd()
+    except OSError:  # it was removed
+        here = ""
+    is_alike = sys.path[:1] in ([""], [here])
+    safe = ["-P"] if sys.version_info >= (3, 11) and not is_alike else []
+    return [sys.executable, *safe, *arguments]
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Let `multiprocessing` start its processes within the block as `python_command` does."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
 def with_parent(command: Sequence[str], *, limits: tuple[int, int] | None = None) -> list[str]:
     """Return a command that runs ``command``, an absolute path with arguments, and is killed with this process.
 

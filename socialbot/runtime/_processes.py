@@ -22,7 +22,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.paths import replace_file
-from socialbot.core.process import ENDING_SIGNALS
+from socialbot.core.process import ENDING_SIGNALS, python_command
 from socialbot.core.process_guard import guard_child
 from socialbot.core.reading import open_file
 from socialbot.graph.files import dump_graph
@@ -75,7 +75,7 @@ def start_process(
         inherited[CHANNEL_VARIABLE] = str(channel)
     with opened_log(log_path) as output, blocked_signals():
         process = subprocess.Popen(
-            [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
+            python_command("-m", "socialbot", *until_parent_ends(arguments)),
             env=inherited,
             stdin=subprocess.DEVNULL,
             stdout=output,

@@ -30,6 +30,7 @@ import msgspec
 from socialbot.bags.types import known_types
 from socialbot.bridge.environment import has_keys
 from socialbot.bridge.process import CHANNEL_VARIABLE
+from socialbot.core.process import python_command
 from socialbot.core.process_guard import guard_child
 from socialbot.graph.node import Graph
 from socialbot.runtime._processes import (
@@ -138,7 +139,7 @@ class ForkServer:
         self._socket.settimeout(ANSWER_S)
         with theirs, blocked_signals():
             self._server = subprocess.Popen(
-                [sys.executable, "-m", "socialbot.runtime.fork_server", str(theirs.fileno()), *self._modules],
+                python_command("-m", "socialbot.runtime.fork_server", str(theirs.fileno()), *self._modules),
                 env=environment_of(self._folder),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -143,3 +145,44 @@ def test_memory_of_an_image_is_reused_for_the_next():
 def test_small_freed_blocks_are_merged():
     assert figure(APART, "assert keep_freed_memory()") == 0
     assert figure(APART, "") > 40_000
+
+
+START_PROCESS = """
+from pathlib import Path
+from socialbot.runtime._processes import start_process
+print(start_process(["node", "--help"], Path("log/node.log")).wait())
+"""
+START_SERVER = """
+from pathlib import Path
+from socialbot.graph.node import Graph
+from socialbot.runtime.fork_server import ForkServer
+server = ForkServer(Graph("empty", ()), Path("log"))
+print(server.start(["node", "--help"], Path("log/node.log")).wait())
+server.close()
+"""
+START_WORKER = """
+from socialbot.vision.metrics.workers import run_in_processes
+if __name__ == "__main__":
+    print(run_in_processes(abs, [(0,)], 1)[0])
+"""
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no option for that")
+@pytest.mark.parametrize("program", [START_PROCESS, START_SERVER, START_WORKER], ids=["node", "server", "worker"])
+def test_processes_import_nothing_from_the_working_directory(program: str, tmp_path: Path):
+    """It may be the folder of a bag or data set from somebody else, or hold files of the same names by chance."""
+    here, script = tmp_path / "here", tmp_path / "program.py"
+    here.mkdir()
+    script.write_text(program)
+    for name in ("msgspec", "socket", "pickle", "typer", "random"):
+        (here / f"{name}.py").write_text(f"raise SystemExit('{name} was imported from the working directory')")
+    ended = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        cwd=here,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert (ended.returncode, ended.stdout) == (0, "0\n"), ended.stderr

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
@@ -16,6 +15,7 @@ from pathlib import Path
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.core.limits import TEXT_BYTES
+from socialbot.core.process import python_command
 from socialbot.core.reading import read_bytes
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
 from socialbot.planning.planners._child_process import ChildExit, run
@@ -245,7 +245,7 @@ class Unified(ChildPlanner):
     def search(self, search: SearchJob) -> PlannerAnswer:
         if search.target_s is not None:
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
-        worker = [sys.executable, "-m", "socialbot.planning.planners._unified_worker", self.engine]
+        worker = python_command("-m", "socialbot.planning.planners._unified_worker", self.engine)
         command = [*worker, DOMAIN_FILE, PROBLEM_FILE, f"{search.left_s:.3f}", ANSWER_FILE]
         return self.run(search, command, search.limits.memory_mb + LIBRARIES_MB, GRACE_S)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from socialbot.core.errors import ImageError, TruthError
+from socialbot.core.process import safe_path
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
 from socialbot.vision.metrics.coco import CocoScore, coco_image, coco_score
@@ -168,10 +169,11 @@ def _run_jobs(jobs: Sequence[Job], plan: EvaluationPlan, advance: Advance) -> li
     numbered = list(enumerate(jobs))
     if plan.scheduler is not None:
         return run_on_dask(_run, numbered, plan.scheduler, done=done, names=[job.name for job in jobs])
-    progress = multiprocessing.get_context("spawn").SimpleQueue()
-    return run_in_processes(
-        _run, numbered, plan.processes, initializer=_set_progress, initargs=(progress,), done=done, poll=drain
-    )
+    with safe_path():
+        progress = multiprocessing.get_context("spawn").SimpleQueue()
+        return run_in_processes(
+            _run, numbered, plan.processes, initializer=_set_progress, initargs=(progress,), done=done, poll=drain
+        )
 
 
 def _set_progress(queue: Any) -> None:

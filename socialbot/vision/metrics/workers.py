@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from socialbot.core.errors import InstallationError, NodeError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command
-from socialbot.core.process import Ending
+from socialbot.core.process import Ending, safe_path
 
 T = TypeVar("T")
 Arguments = Sequence[tuple[Any, ...]]
@@ -48,8 +48,11 @@ def run_in_processes(
     """
     results: dict[int, T] = {}
     others = multiprocessing.active_children()
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer, initargs)
-    with Ending().on_signals() as ending, pool:
+    with (
+        safe_path(),
+        Ending().on_signals() as ending,
+        ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer, initargs) as pool,
+    ):
         try:
             # The processes inherit the signal mask: SIGINT is for the parent.
             blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
