@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import itertools
 import os
 import shutil
@@ -36,7 +37,7 @@ class BoundedLog:
         self._opening = opening
         self._number = 0
         self._length = 0
-        self._file: FileIO = path.open("xb", buffering=0)
+        self._file: FileIO = _new_file(path)
 
     def write(self, line: bytes) -> None:
         """Append ``line``, which has no newline. Raises OSError, and keeps no part of it."""
@@ -55,7 +56,7 @@ class BoundedLog:
     def reopen(self) -> None:
         """Begin a new file, and its folder, after the old one was removed. Raises OSError."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        file = self._path.open("xb", buffering=0)
+        file = _new_file(self._path)
         self._file.close()
         self._file, self._length, self._number = file, 0, 0
         for line in self._opening():
@@ -84,11 +85,31 @@ class BoundedLog:
             self._path.replace(aside)
         if (oldest := self._number + 2 - PARTS) > 0:
             _part(self._path, oldest).unlink(missing_ok=True)
-        file = self._path.open("xb", buffering=0)
+        file = _new_file(self._path)
         self._file.close()
         self._file, self._length, self._number = file, 0, self._number + 1
         for line in self._opening():
             self._append(line + b"\n")
+
+
+def _new_file(path: Path) -> FileIO:
+    """Open a new file, and lock it, so that `is_being_written` tells. Raises OSError."""
+    file = path.open("xb", buffering=0)
+    with contextlib.suppress(OSError):  # the file system may have no locks
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+def is_being_written(path: Path) -> bool:
+    """Check whether a process writes the log ``path``."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 RETRY_S = 1.0

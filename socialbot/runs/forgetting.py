@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from socialbot.core.bounded_log import parts
+from socialbot.core.bounded_log import is_being_written, parts
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import NO_JSON, TraceRecord
@@ -58,8 +58,10 @@ def forget_person(folder: Path, person: str) -> Forgotten:
         person: Id of the person, such as ``t1``.
 
     Raises:
-        RunError: There is no run, it has no such person, or it cannot be written.
+        RunError: There is no run, it is still recorded, it has no such person, or it cannot be written.
     """
+    if is_being_written(folder / TRACE):
+        raise RunError("the run is still recorded", where=str(folder), remedy="end it first: socialbot down")
     known = _people(open_run(folder).history)
     if person not in known:
         remedy = suggestion(person, known) if known else "nobody was seen in this run"

@@ -14,6 +14,7 @@ from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import open_run
 from socialbot.runs.forgetting import forget_person
+from socialbot.runs.record import RunTrace
 from tests.system.running import socialbot_here
 
 START = 1_000 * SECOND
@@ -198,3 +199,16 @@ def test_the_command_says_what_it_did_and_what_it_left(run):
     refused = socialbot_here("forget", run, "--person", "t1")
     assert refused.returncode == 3
     assert "no person 't1'" in refused.stderr
+
+
+def test_a_run_that_is_still_recorded_is_refused(tmp_path):
+    """Its recorder would go on in a file that nobody finds, and then stop."""
+    with RunTrace(tmp_path / "run", lossy=True) as trace:
+        for record in RECORDS:
+            trace.observe("/waldo/trace", record)
+        with pytest.raises(RunError, match="still recorded"):
+            forget_person(tmp_path / "run", "t1")
+        trace.observe("/waldo/trace", RECORDS[0])
+        assert trace.lost == 0
+        assert len((tmp_path / "run" / "trace.jsonl").read_bytes().splitlines()) == len(RECORDS) + 1
+    assert forget_person(tmp_path / "run", "t1").frames
