@@ -192,6 +192,9 @@ def expect_open(topic: str, port: ServerPort) -> None:
         )
 
 
+RESULT_S = 60
+"""Time (s) for which the result of a goal is kept; rclpy keeps those of 15 minutes, whatever their number."""
+
 MAX_REQUESTS = 100
 """Most requests or goals of a server that wait for its node. Further goals are rejected, and requests not answered."""
 
@@ -277,6 +280,7 @@ class _RosAction:
             goal_callback=self._decide,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
+            result_timeout=RESULT_S,
         )
 
     def stop_goals(self) -> None:

@@ -499,6 +499,31 @@ class TestActions:
             assert not send(0).accepted
             client.destroy()
 
+    def test_results_of_goals_are_forgotten(self, monkeypatch):
+        """Goals of strangers without end would fill the memory in the 15 minutes of rclpy."""
+        from rclpy.action.client import ActionClient as RosActionClient
+
+        fibonacci = pytest.importorskip("test_msgs.action").Fibonacci
+        monkeypatch.setattr(_services, "RESULT_S", 1)
+
+        class Server(Node):
+            count = ActionServer(COUNT, "/count")
+
+            @count
+            def on_goal(self, goal: GoalHandle) -> None:
+                goal.succeed()
+
+        with node_hosts(graph_of(NodeConfig("server", Server))) as host, spinning_nodes("stranger") as (stranger,):
+            hosted = host("server")
+            client = RosActionClient(stranger, fibonacci, "/count")
+            assert client.wait_for_server(10.0)
+            assert eventually(lambda: hosted.active_thread is not None)
+            sent = [client.send_goal_async(fibonacci.Goal(order=order)) for order in range(3)]
+            assert eventually(lambda: all(future.done() for future in sent))
+            kept = hosted._services._servers[0]._server._goal_handles
+            assert eventually(lambda: not kept)
+            client.destroy()
+
 
 @pytest.mark.parametrize("open_to_all", [False, True])
 def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, monkeypatch):
