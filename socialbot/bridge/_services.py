@@ -305,7 +305,25 @@ class _RosAction:
         if made.goal.rejected:
             del self._new[id(request)]
             return GoalResponse.REJECT
+        in_executor(self._ros, self._settle, made)
         return GoalResponse.ACCEPT
+
+    def _settle(self, made: _RosGoal) -> None:
+        """Begin or cancel a goal of which rclpy has not told that it is accepted.
+
+        Its client is gone, or another goal with its id was accepted while the node decided.
+        """
+        request = made.goal.request
+        if id(request) not in self._new:
+            return
+        handle = next((each for each in self._server._goal_handles.values() if each.request is request), None)
+        if handle is not None:
+            self._on_accepted(handle)
+            return
+        del self._new[id(request)]
+        made.drop()
+        if made.goal.active:
+            self._pass_on_cancel(made)
 
     def _start(self, thread: NodeThread, place: threading.Semaphore, made: _RosGoal) -> None:
         place.release()
@@ -352,6 +370,12 @@ class _RosGoal:
     ended: Future = field(default_factory=Future)
     _handle: Any = None
     _early: list[Callable[[], None]] = field(default_factory=list)
+    _is_dropped: bool = False
+
+    def drop(self) -> None:
+        """Ignore all reports: there is no client."""
+        self._is_dropped = True
+        self._early.clear()
 
     def begin(self, handle: Any) -> None:
         """Send what waits. Called in the executor thread, as are all reports."""
@@ -369,6 +393,8 @@ class _RosGoal:
         in_executor(self.ros, self._report, functools.partial(self._end, outcome, result))
 
     def _report(self, report: Callable[[], None]) -> None:
+        if self._is_dropped:
+            return
         if self._handle is None:
             self._early.append(report)
         else:

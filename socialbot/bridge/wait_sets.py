@@ -41,6 +41,9 @@ REPLACEMENT_S = 6.0
 DAMAGED_PAUSE_S = 0.002
 """Pause (s) after each empty message until the replacement: DDS returns it at once, again and again."""
 
+RESUMED_S = 0.1
+"""Longest time (s) until a suspended coroutine goes on, if what it awaits has ended in another thread."""
+
 KINDS = {
     "timer": "timers",
     "subscription": "subscriptions",
@@ -50,6 +53,8 @@ KINDS = {
 }
 """Kinds of entities as a wait set names them, and as a node does."""
 
+
+_RESUMED_NS = round(RESUMED_S * 1e9)
 
 _Ready = tuple[str, Any, Any]
 """Kind, entity and node; a task has the kind ``task`` and may have no node."""
@@ -155,6 +160,11 @@ class OneThreadExecutor(SingleThreadedExecutor):
         self._replacements = 0
         self._empty: tuple[int, Any] | None = None
         self._spinning = 0
+        self._suspended: set[Any] = set()
+        """Tasks that await something."""
+        self._resumed_s = time.monotonic()
+        self._may_go_on = False
+        """Whether something was done since, so that they may go on."""
         self._is_changed = True
         self._ready: deque[_Ready] = deque()
         self._kept: tuple[_WaitSet, _WaitSet] | None = None
@@ -195,11 +205,14 @@ class OneThreadExecutor(SingleThreadedExecutor):
         while not self._is_shutdown and not wait_condition():
             if self._is_changed:
                 self._ready.clear()  # entities may be destroyed; the next wait finds the others again
+                self._may_go_on = True
             if self._ready:
                 self._handle(*self._ready.popleft())
                 return
             self._ready += self._unfinished()
             left_ns = timeout_ns if timeout_ns < 0 else max(0, end_ns - time.monotonic_ns())
+            if self._suspended and not 0 <= left_ns < _RESUMED_NS:
+                left_ns = _RESUMED_NS
             self._ready += self._wait(0 if self._ready else left_ns)
             if not self._ready and timeout_ns >= 0 and end_ns <= time.monotonic_ns():
                 return
@@ -209,7 +222,12 @@ class OneThreadExecutor(SingleThreadedExecutor):
             return []
         with self._tasks_lock:
             self._tasks = [each for each in self._tasks if not each[0].done() and not each[0].cancelled()]
-            return [("task", task, node) for task, _, node in self._tasks if not task.executing()]
+            found: list[_Ready] = [("task", task, node) for task, _, node in self._tasks if not task.executing()]
+        self._suspended.intersection_update(task for _, task, _ in found)
+        if self._may_go_on or time.monotonic() - self._resumed_s >= RESUMED_S:
+            self._may_go_on, self._resumed_s = False, time.monotonic()
+            return found
+        return [each for each in found if each[1] not in self._suspended]
 
     def _wait(self, timeout_ns: int) -> list[_Ready]:
         """Wait for entities of all nodes, and look for QoS events once in `POLL_PERIOD_S`; return what is ready."""
@@ -256,9 +274,22 @@ class OneThreadExecutor(SingleThreadedExecutor):
         elif kind == "timer":
             self._call_timer(entity)
         else:
-            task = entity if kind == "task" else self._make_handler(entity, node, getattr(self, f"_take_{kind}"))
-            task()
-            task.result()  # raises the exception of the callback
+            # A handler of rclpy would be called again and again while another one of its callback group is suspended.
+            taken = entity if kind == "task" else getattr(self, f"_take_{kind}")(entity)
+            if taken is not None:
+                self._run(entity if kind == "task" else self.create_task(taken))
+                return
+        self._may_go_on = True
+
+    def _run(self, task: Any) -> None:
+        was_suspended = task in self._suspended
+        task()
+        if task.done():
+            self._suspended.discard(task)
+        else:
+            self._suspended.add(task)
+        self._may_go_on |= task.done() or not was_suspended
+        task.result()  # raises the exception of the callback
 
     def _receive(self, subscription: Any, node: Node) -> None:
         try:

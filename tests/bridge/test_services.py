@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
@@ -15,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from socialbot.bridge import _services
 from socialbot.bridge._service_clients import MAX_FEEDBACK, ActionChannel
+from socialbot.bridge.wait_sets import OneThreadExecutor
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph import calls
 from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
@@ -498,6 +500,59 @@ class TestActions:
             assert result(endless).status == GoalStatus.STATUS_ABORTED
             assert not send(0).accepted
             client.destroy()
+
+    def test_goals_wait_for_a_busy_node_without_effort(self, monkeypatch):
+        """Two goals of a stranger may have the same id."""
+        from unique_identifier_msgs.msg import UUID
+
+        fibonacci = pytest.importorskip("test_msgs.action").Fibonacci
+        monkeypatch.setattr("rclpy.executors.SingleThreadedExecutor", OneThreadExecutor)
+
+        class Server(Node):
+            count = ActionServer(COUNT, "/count")
+            light = Service(SetBool, "/light")
+            started: tuple[GoalHandle, ...] = ()
+
+            @count
+            def on_goal(self, goal: GoalHandle) -> None:
+                self.started += (goal,)
+
+            @light
+            def on_light(self, request: Any, response: Any) -> None: ...
+
+        with node_hosts(graph_of(NodeConfig("server", Server))) as host, spinning_nodes("stranger") as (stranger,):
+            hosted = host("server")
+            goals = stranger.create_client(fibonacci.Impl.SendGoalService, "/count/_action/send_goal")
+            light = stranger.create_client(SetBool, "/light")
+            assert goals.wait_for_service(10.0)
+            assert light.wait_for_service(10.0)
+            assert eventually(lambda: hosted.active_thread is not None)
+            action = hosted._services._servers[0]
+            handled, handle = [], OneThreadExecutor._handle
+            monkeypatch.setattr(
+                OneThreadExecutor, "_handle", lambda self, *each: handled.append(each) or handle(self, *each)
+            )
+
+            def send(identity: int) -> Any:
+                request = fibonacci.Impl.SendGoalService.Request(goal_id=UUID(uuid=[identity] * 16))
+                return goals.call_async(request)
+
+            free = threading.Event()
+            hosted.active_thread.queue.call_soon(lambda: free.wait(PATIENCE_S))
+            sent = [send(1), send(1), send(2)]
+            assert eventually(lambda: len(action._new) == 3)
+            asked = light.call_async(SetBool.Request())
+            handled.clear()
+            time.sleep(0.5)
+            assert len(handled) < 100
+            free.set()
+            assert eventually(lambda: all(future.done() for future in (*sent, asked)))
+            assert sorted(future.result().accepted for future in sent) == [False, True, True]
+            assert eventually(lambda: sum(goal.cancelling for goal in hosted.node.started) == 1)
+            assert (len(action._new), len(action._goals)) == (0, 2)
+            handled.clear()
+            time.sleep(0.5)
+            assert len(handled) < 100, "also while goals are in progress"
 
     def test_results_of_goals_are_forgotten(self, monkeypatch):
         """Goals of strangers without end would fill the memory in the 15 minutes of rclpy."""
