@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
+from socialbot.core.reading import open_file
+
 PARTS = 4
 """Maximum number of parts, including the current one."""
 
@@ -103,7 +105,7 @@ def _new_file(path: Path) -> FileIO:
 def is_being_written(path: Path) -> bool:
     """Check whether a process writes the log ``path``."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
