@@ -33,7 +33,7 @@ from ruamel.yaml import YAML
 
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
-from socialbot.core.references import load_reference, look_in
+from socialbot.core.references import load_reference, look_in, reading_record
 from socialbot.core.yaml import YamlSection, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig, WireForm, check_topic
 from socialbot.graph.wizard import WizardEntry, read_wizard, wizard_page
@@ -122,6 +122,21 @@ def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None =
         return graph
     named = page.robot if isinstance(page.robot, str) else root.section("robot")
     return registry.robot_binding()(graph, named, where=root.line("robot"), folder=folder)
+
+
+MOVING = "in_simulated_time"
+"""Parameter of nodes that move a robot also in replays and simulations."""
+
+
+def parse_recorded(text: str, *, where: str, folder: Path) -> Graph:
+    """Parse the graph of a bag or run in ``folder``, which are data of anybody.
+
+    It imports nothing from the folder, and moves no robot. Raises GraphError.
+    """
+    with reading_record(folder):
+        graph = parse_graph(text, where=where)
+    moving = [one.name for one in graph.nodes if MOVING in one.parameters]
+    return graph.with_parameters({name: {MOVING: False} for name in moving}) if moving else graph
 
 
 def with_messages(graph: Graph, form: str, *, where: str) -> Graph:

@@ -14,8 +14,7 @@ from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
 from socialbot.core.reading import read_bytes
-from socialbot.core.references import reading_record
-from socialbot.graph.files import parse_graph
+from socialbot.graph.files import parse_recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
 from socialbot.runs.record import DIAGNOSTICS, ENDED_WELL, SCORED, SEEN, SOUNDS, STOPPED, TRACE, NodeReport
@@ -94,8 +93,7 @@ class RecordedRun(RunView):
         if not path.exists():
             return None
         try:
-            with reading_record(self.folder):
-                return parse_graph(paths.read_text(path, RunError), where=str(path))
+            return parse_recorded(paths.read_text(path, RunError), where=str(path), folder=self.folder)
         except (OSError, UnicodeDecodeError, SocialbotError) as error:
             self.damage.append(f"graph.yaml cannot be used: {error}")
             return None

@@ -20,8 +20,7 @@ from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, PersonDetections, TraceRecord
 from socialbot.core.paths import read_text
 from socialbot.core.reading import read_bytes
-from socialbot.core.references import reading_record
-from socialbot.graph.files import load_graph, parse_graph
+from socialbot.graph.files import load_graph, parse_recorded
 from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
@@ -272,13 +271,12 @@ def _with_rectified_images(graph: Graph) -> Graph:
 def graph_of(bag: Path) -> Graph:
     """Return the graph in the folder of a bag, else Waldo's. Raises GraphError.
 
-    Bags are untrusted: modules in their folder are not imported.
+    Bags are untrusted: modules in their folder are not imported, and their graph moves no robot.
     """
     path = bag / BAG_GRAPH
     if not path.is_file():
         return load_graph("waldo")
-    with reading_record(bag):
-        return parse_graph(read_text(path, GraphError, remedy="give one with --graph"), where=str(path))
+    return parse_recorded(read_text(path, GraphError, remedy="give one with --graph"), where=str(path), folder=bag)
 
 
 def find_truth(bag: Bag, given: Path | None = None) -> GroundTruth | None:

@@ -11,7 +11,7 @@ from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import Image
-from socialbot.graph.files import dump_graph, load_graph
+from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.runs.report import recorded
 from socialbot.runtime.bag_source import BagSource, find_truth, graph_of, replay
 from tests.planning import busy
@@ -44,6 +44,16 @@ def test_does_not_import_code_beside_a_bag(tmp_path, monkeypatch):
     (tmp_path / "graph.yaml").write_text("name: odd\nnodes:\n  odd: {type: lies_beside:Node}\n")
     with pytest.raises(GraphError, match="there is no module 'lies_beside'"):
         graph_of(tmp_path)
+
+
+def test_the_graph_of_a_bag_moves_no_robot(tmp_path):
+    head = "type: 'socialbot.robots.reachy_mini:ReachyHead', parameters: {in_simulated_time: true, rate_hz: 9.0}"
+    text = f"name: odd\ninputs: [/robot/head_target]\nnodes:\n  robot_head: {{{head}}}\n"
+    (tmp_path / "graph.yaml").write_text(text)
+    graph = graph_of(tmp_path)
+    assert graph.node("robot_head").parameters == {"in_simulated_time": False, "rate_hz": 9.0}
+    moved = with_changes(graph, ["robot_head.in_simulated_time=true"])
+    assert moved.node("robot_head").parameters["in_simulated_time"], "only the user may say so"
 
 
 @pytest.mark.slow
