@@ -154,7 +154,8 @@ def test_parses_a_message_of_a_module_in_the_working_directory(tmp_path: Path, m
     for schema, fields, complaint in (
         ("own_light:Luks", "{lux: 3}", "own_light has no 'Luks'.*known: Lux"),
         ("own_dark:Lux", "{lux: 3}", "cannot load message 'own_dark:Lux': there is no module 'own_dark'"),
-        ("pathlib:Path", "{lux: 3}", "'pathlib:Path' is no message"),
+        ("numpy:ndarray", "{lux: 3}", "'numpy:ndarray' is no message"),
+        ("pathlib:Path", "{lux: 3}", "pathlib of Python's standard library has no 'Path'"),
         ("own_light:Lux", "{lux: bright}", "see the class Lux"),
         ("Lux", "{lux: 3}", "module:Class for a message of your own"),
     ):
