@@ -204,7 +204,8 @@ def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
     """Load the library; yield it and its sample rate in Hz.
 
     espeak-ng keeps phases and pitch flutter in static variables that no function resets, so each sentence would depend
-    on the previous one. Unloading the library resets them in 3 ms. A lock protects it, since it is not re-entrant.
+    on the previous one. Unloading the library resets them in 3 ms. The breath of voices such as ``fr+f2`` is random, by
+    default with the time of day as its seed. A lock protects the library, since it is not re-entrant.
     """
     with _LOCK:
         library, data_path = _load()
@@ -221,6 +222,7 @@ def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
                     f"espeak-ng cannot read its data in {data_path}",
                     remedy="install socialbot where the path to site-packages is shorter than 120 characters",
                 )
+            library.espeak_ng_SetRandSeed(1)
             try:
                 yield library, sample_rate
             finally:
@@ -238,6 +240,7 @@ def _load() -> tuple[ctypes.CDLL, str]:
     except (ImportError, OSError, RuntimeError) as error:
         raise InstallationError(f"espeak-ng is not installed ({error})", remedy=extra_command("speech")) from error
     library.espeak_Initialize.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int]
+    library.espeak_ng_SetRandSeed.argtypes = [ctypes.c_long]
     library.espeak_SetSynthCallback.argtypes = [_SYNTH_CALLBACK]
     library.espeak_SetVoiceByName.argtypes = [ctypes.c_char_p]
     library.espeak_SetParameter.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int]
