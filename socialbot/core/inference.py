@@ -1,10 +1,11 @@
-"""Runs of ONNX networks within a limit of time. The operators of a network may loop without end."""
+"""ONNX networks of anybody: the files that they name, and runs within a limit of time, as they may loop without end."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.core.errors import ParameterError
@@ -14,6 +15,84 @@ if TYPE_CHECKING:
 
 LONGEST_RUN_S = 60.0
 """Longest run (s of processor time) of a network. Those for images and sentences need less than a second."""
+
+MAX_FIELDS = 5_000_000
+"""Most fields of the file of a network; one of 300 MB has some 100,000."""
+
+_NAME_BYTES = 1024  # longest name of a file of data
+
+_PARTS = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "function": {7: "node", 11: "attribute"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {13: "entry"},
+}
+"""Kind of the message in each field of a message, as far as tensors may be in it; ``entry`` is a key and a value."""
+
+
+def check_external_data(model: bytes | memoryview, where: str, folder: Path | None = None) -> None:
+    """Check that a network has its data in its file, or in files of ``folder``. onnxruntime does so from 1.24 on.
+
+    Raises:
+        ParameterError: It names another file, or has too many fields.
+    """
+    for name in _external_files(memoryview(model), where):
+        # "*" tells onnxruntime an address in memory.
+        if folder is None or "*" in name or "\0" in name or len(name) > _NAME_BYTES or not _is_in(folder, name):
+            what = f"the network has its data in {name[:80]!r}, outside of its folder"
+            raise ParameterError(what, where=where, remedy="put its data into its file, or into its folder")
+
+
+def _is_in(folder: Path, name: str) -> bool:
+    return (folder / name).resolve().is_relative_to(folder.resolve())
+
+
+def _external_files(model: memoryview, where: str) -> Iterator[str]:
+    waiting, count = [("model", model)], 0
+    while waiting:
+        kind, message = waiting.pop()
+        entry: list[str] = []
+        for number, content in _fields(message):
+            count += 1
+            if count > MAX_FIELDS:
+                raise ParameterError(f"more than {MAX_FIELDS} fields", where=where, remedy="give a smaller network")
+            if kind == "entry":
+                entry.append(bytes(content[: _NAME_BYTES + 1]).decode("utf-8", "replace"))
+            elif number in _PARTS[kind]:
+                waiting.append((_PARTS[kind][number], content))
+        if "location" in entry:
+            yield from (text for text in entry if text != "location")
+
+
+def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Number and content of the fields of a message of protobuf; the content of numbers is empty."""
+    at = 0
+    while at < len(message):
+        key, at = _number(message, at)
+        kind, size = key & 7, 0
+        if kind == 0:
+            _, at = _number(message, at)
+        elif kind == 2:
+            size, at = _number(message, at)
+        at += {1: 8, 5: 4}.get(kind, 0)
+        yield key >> 3, message[at : at + size]
+        at += size
+
+
+def _number(message: memoryview, at: int) -> tuple[int, int]:
+    """A number of protobuf, and where it ends."""
+    value = shift = 0
+    while at < len(message):
+        byte = message[at]
+        value |= (byte & 127) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 128 or shift > 63:
+            break
+    return value, at
 
 
 class Inference:

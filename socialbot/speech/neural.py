@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError, suggestion
-from socialbot.core.inference import Inference
+from socialbot.core.inference import Inference, check_external_data
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.core.limits import MODEL_BYTES, TEXT_BYTES
 from socialbot.core.reading import read_bytes
@@ -274,10 +274,13 @@ def _load(path: Path) -> onnxruntime.InferenceSession:
     options.intra_op_num_threads, options.inter_op_num_threads = _THREADS, 1
     try:
         model = read_bytes(path, MODEL_BYTES)
+        check_external_data(model, str(path))
         if _DURATIONS in model:
             # Joined messages of protobuf are merged: this adds an output (12) with a name (1) to the graph (7).
             model += _field(7, _field(12, _field(1, _DURATIONS)))
         return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except ParameterError:
+        raise
     except Exception as error:  # classes of onnxruntime derive from RuntimeError or Exception
         what = f"no network of a Piper voice: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
         raise ParameterError(what, where=str(path), remedy="give the .onnx file of the voice") from error

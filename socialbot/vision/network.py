@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import mmap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -13,10 +14,10 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.core.inference import Inference
+from socialbot.core.inference import Inference, check_external_data
 from socialbot.core.installation import pip_command, restore_command
 from socialbot.core.limits import MODEL_BYTES
-from socialbot.core.reading import check_size, read_bytes
+from socialbot.core.reading import check_size, open_file, read_bytes
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
@@ -119,9 +120,9 @@ def _session(model: Path | bytes, threads: int, where: str):
     # Spinning threads would use a whole core between images.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
+    if isinstance(model, Path):
+        _check_file(model, where)
     try:
-        if isinstance(model, Path):
-            check_size(model, MODEL_BYTES)
         source = str(model) if isinstance(model, Path) else model
         return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no class of their own.
@@ -130,6 +131,16 @@ def _session(model: Path | bytes, threads: int, where: str):
             where=where,
             remedy="export the detector to ONNX again, for the processor",
         ) from error
+
+
+def _check_file(model: Path, where: str) -> None:
+    try:
+        check_size(model, MODEL_BYTES)
+        with open_file(model) as file:
+            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        check_external_data(memoryview(content), where, model.parent)
+    except (OSError, ValueError) as error:  # ValueError: it is empty
+        raise ParameterError(f"cannot be read: {error}", where=where, remedy="name an ONNX file") from error
 
 
 def included_model(file: str, sha256: str) -> bytes:

