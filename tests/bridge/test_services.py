@@ -247,6 +247,11 @@ class TestServices:
             assert "the ROS type nowhere_msgs/action/Go is not installed" in str(hosted.failure)
 
 
+def has_client(hosted: Any, service: str) -> bool:
+    """Whether a hosted node has discovered a client of a service: an answer before that is lost."""
+    return bool(hosted.ros_node.get_subscriptions_info_by_topic(f"rr{service}Reply", no_mangle=True))
+
+
 class TestActions:
     @pytest.fixture(autouse=True)
     def types(self):
@@ -527,6 +532,7 @@ class TestActions:
             assert goals.wait_for_service(10.0)
             assert light.wait_for_service(10.0)
             assert eventually(lambda: hosted.active_thread is not None)
+            assert eventually(lambda: has_client(hosted, "/count/_action/send_goal") and has_client(hosted, "/light"))
             action = hosted._services._servers[0]
             handled, handle = [], OneThreadExecutor._handle
             monkeypatch.setattr(
@@ -573,6 +579,7 @@ class TestActions:
             client = RosActionClient(stranger, fibonacci, "/count")
             assert client.wait_for_server(10.0)
             assert eventually(lambda: hosted.active_thread is not None)
+            assert eventually(lambda: has_client(hosted, "/count/_action/send_goal"))
             sent = [client.send_goal_async(fibonacci.Goal(order=order)) for order in range(3)]
             assert eventually(lambda: all(future.done() for future in sent))
             kept = hosted._services._servers[0]._server._goal_handles

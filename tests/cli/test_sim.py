@@ -18,5 +18,6 @@ def test_without_mujoco_no_bag_is_begun(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["foyer", "--record", "bag"])
     assert isinstance(done.exception, InstallationError)
-    assert done.exception.remedy == extra_command("sim")
+    assert done.exception.remedy is not None
+    assert (extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11") in done.exception.remedy
     assert not list(tmp_path.iterdir())

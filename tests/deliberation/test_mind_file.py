@@ -141,7 +141,7 @@ def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
     def fail(*names):
         raise OSError("no space left")
 
-    monkeypatch.setattr("os.replace", fail)
+    monkeypatch.setattr("pathlib.Path.replace", fail)
     with pytest.raises(OSError, match="no space"):
         save_mind(office.deliberator, path)
     assert path.read_text() == before

@@ -231,7 +231,7 @@ class TestOverDds:
             ros.create_publisher(Image, "/robot1/camera/color/image_raw", 5)
             ros.create_publisher(Image, "/robot1/camera/depth/image_raw", 5)
             ros.create_publisher(CompressedImage, "/robot1/camera/color/image_raw/compressed", 5)
-            ros.create_subscription(JointTrajectory, "/robot1/neck", print, 5)
+            ros.create_subscription(JointTrajectory, "/robot1/neck", lambda _: None, 5)
             ros.create_service(SetBool, "/robot1/lamp", lambda _, response: response)
             color, packed = "/camera/color/image_raw", "/robot1/camera/color/image_raw/compressed"
             found = self.findings(
