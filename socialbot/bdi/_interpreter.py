@@ -511,24 +511,18 @@ class Interpreter:
                         )
                     yield
             except GeneratorExit:
-                self._close(inner)
-                raise
+                # Python would close one within the other in calls of C, and 3.12 ends the process if they are many.
+                if self.unclosed is not None:
+                    self.unclosed.append(inner)
+                    return
+                unclosed = self.unclosed = [inner]
+                try:
+                    while unclosed:
+                        unclosed.pop().close()
+                finally:
+                    self.unclosed = None
+                return
             undo(trail, mark)
-
-    def _close(self, solutions: Generator[None, None, None]) -> None:
-        """Close solutions of a rule that nobody asks for, and the solutions in them one after the other.
-
-        Closed by Python, each would close the next within it, in calls of C: Python 3.12 then ends the process.
-        """
-        if self.unclosed is not None:
-            self.unclosed.append(solutions)
-            return
-        waiting = self.unclosed = [solutions]
-        try:
-            while waiting:
-                waiting.pop().close()
-        finally:
-            self.unclosed = None
 
     def _compute(self, kind: type[Computed], args: Args) -> Iterable[Args]:
         computed = self.library.computed.get(kind.functor)
