@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 
 import msgspec
@@ -38,7 +39,11 @@ RECORDS = (
 
 def schema_text(message_type: type[Structured]) -> str:
     """Return the JSON Schema of ``message_type``, indented."""
-    return msgspec.json.format(msgspec.json.encode(msgspec.json.schema(message_type)), indent=2).decode() + "\n"
+    schema = msgspec.json.schema(message_type)
+    for defined in schema["$defs"].values():
+        if "description" in defined:  # a docstring, whose indentation Python 3.13 removes
+            defined["description"] = inspect.cleandoc(defined["description"])
+    return msgspec.json.format(msgspec.json.encode(schema), indent=2).decode() + "\n"
 
 
 def schema_file(message_type: type[Structured]) -> Path:

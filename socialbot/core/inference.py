@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import leads_inside
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -42,13 +43,15 @@ def check_external_data(model: bytes | memoryview, where: str, folder: Path | No
     """
     for name in _external_files(memoryview(model), where):
         # "*" tells onnxruntime an address in memory.
-        if folder is None or "*" in name or "\0" in name or len(name) > _NAME_BYTES or not _is_in(folder, name):
+        if (
+            folder is None
+            or "*" in name
+            or "\0" in name
+            or len(name) > _NAME_BYTES
+            or not leads_inside(folder, folder / name)
+        ):
             what = f"the network has its data in {name[:80]!r}, outside of its folder"
             raise ParameterError(what, where=where, remedy="put its data into its file, or into its folder")
-
-
-def _is_in(folder: Path, name: str) -> bool:
-    return (folder / name).resolve().is_relative_to(folder.resolve())
 
 
 def _external_files(model: memoryview, where: str) -> Iterator[str]:

@@ -34,10 +34,18 @@ def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check t
         raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem
 
 
+def _resolved(path: Path) -> Path:
+    """Follow all links. Raises RuntimeError for a link to itself, which Python 3.13 leaves as it is."""
+    found = path.resolve()
+    if any(each.is_symlink() for each in (found, *found.parents)):
+        raise RuntimeError(f"{path} leads to itself")
+    return found
+
+
 def leads_inside(folder: Path, path: Path) -> bool:
     """Whether ``path`` is in ``folder``, and is no link to elsewhere or to itself."""
     try:
-        return path.resolve().is_relative_to(folder.resolve())
+        return _resolved(path).is_relative_to(folder.resolve())
     except (OSError, RuntimeError):
         return False
 
@@ -99,7 +107,7 @@ def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:
     Raises ParameterError for a path outside; ``where`` names the parameter.
     """
     try:
-        found = (folders[0] / path).resolve()
+        found = _resolved(folders[0] / path)
         inside = any(found.is_relative_to(folder.resolve()) for folder in folders)
     except (OSError, ValueError, RuntimeError) as error:
         raise ParameterError(f"no path that can be used: {str(path)[:80]!r}", where=where) from error
