@@ -34,10 +34,14 @@ def exit_on_signals() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
 
 
+class EndedBySignal(SystemExit):
+    """End of the process by a signal, in the middle of any code."""
+
+
 def _exit(signum: int, frame: FrameType | None) -> None:
     global _exit_requested
     _exit_requested = True
-    sys.exit(0)
+    raise EndedBySignal(0)
 
 
 def _ignore_signals() -> None:

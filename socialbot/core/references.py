@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from socialbot.core.errors import GraphError, SocialbotError, described, place_of, suggestion
+from socialbot.core.process import EndedBySignal
 
 _SOCIALBOT = Path(__file__).parents[1]
 _IN_FILE = re.compile(r":\d")  # a place with a line
@@ -80,6 +81,8 @@ def load_reference(
         place = place_of(mistake, str(_SOCIALBOT))
         what = f"{what} ({place})" if place else what
         raise error(f"{failure}: {what}", where=where, remedy=mistake.remedy) from mistake
+    except EndedBySignal:
+        raise
     except (Exception, SystemExit) as mistake:
         raise error(
             f"{failure}: {described(mistake)}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 import pytest
@@ -70,3 +71,15 @@ def test_modules_that_act_when_they_are_imported_are_not(reference, fault):
     with pytest.raises(GraphError, match=fault):
         _load(reference)
     assert not {"this", "idlelib.idle", "test.autotest"} & (set(sys.modules) - known)
+
+
+def test_a_signal_during_an_import_is_no_mistake_of_the_module(tmp_path):
+    (tmp_path / "slow_module.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\n")
+    code = (
+        "from socialbot.core.process import exit_on_signals\n"
+        "from socialbot.core.references import load_reference\n"
+        "exit_on_signals()\n"
+        "load_reference('slow_module:Node', 'node type', callable)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
