@@ -84,7 +84,7 @@ def test_states_of_a_foreign_node_are_printed_and_changed():
 
 @pytest.mark.slow
 def test_refusals_name_the_node_and_a_remedy():
-    # Each wait for what is not there takes the whole time; a busy machine takes some for what is there.
+    # Missing services and nodes take the whole time limit. Others answer sooner, also on a busy machine.
     with foreign_nodes("broken_driver", "plain"), lifecycle_client(timeout_s=10.0) as client:
         with pytest.raises(NodeError, match="/broken_driver: the node failed to configure, and is unconfigured"):
             client.change("broken_driver", "configure")

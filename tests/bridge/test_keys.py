@@ -202,7 +202,7 @@ def test_a_machine_whose_key_is_removed_during_a_rotation_is_refused_with_its_ne
 
 
 def test_a_replaced_own_key_opens_no_replay_after_a_restart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock of the sender is ahead: only what was noted before the restart tells that the command is old."""
+    """The clock of the sender is ahead, so only the notes from before the restart tell that the command is old."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     folder, environment = tmp_path / "keys", {KEYS_VARIABLE: f"{tmp_path / 'keys'}:robot", "ROS_DOMAIN_ID": "60"}
     for name in ("robot", "desk"):

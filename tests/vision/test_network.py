@@ -66,6 +66,7 @@ def test_size_of_the_image_is_that_of_the_model(shape, size):
         "{folder}/secret.bin",
         "link.bin",
         "self.bin",
+        "location",
         "a/../../secret.bin",
         "*/_ORT_MEM_ADDR_/*",
         "a/../" * 300 + "../secret.bin",
@@ -76,6 +77,7 @@ def test_model_reads_no_file_outside_of_its_folder(tmp_path, place):
     (tmp_path / "model").mkdir()
     (tmp_path / "model" / "link.bin").symlink_to(tmp_path / "secret.bin")
     (tmp_path / "model" / "self.bin").symlink_to("self.bin")
+    (tmp_path / "model" / "location").symlink_to(tmp_path / "secret.bin")
     file = tmp_path / "model" / "model.onnx"
     file.write_bytes(model_with_external_data(place.format(folder=tmp_path)))
     with pytest.raises(ParameterError, match="outside of its folder"):

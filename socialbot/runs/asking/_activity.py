@@ -46,7 +46,7 @@ def said(scope: Scope) -> Told | None:
 
 
 def _near(scope: Scope, records: Sequence[TraceRecord], at_s: float) -> list[TraceRecord]:
-    """Return the records nearest to a time (s), or the next ones, if the question asks what came after it."""
+    """Return the records nearest to a time (s). If the question says ``after``, return the next ones."""
     stamp = scope.history.stamp(at_s)
     if not scope.question.is_later:
         return near(records, stamp, NEAR_S)

@@ -140,7 +140,7 @@ class _Clause:
         )
 
     def _is_relative_subject(self, verb: int) -> bool:
-        """Return whether a verb of saying is right behind people, in front of whom is no auxiliary."""
+        """Return whether people say something: a verb of saying follows them, and no auxiliary comes before them."""
         first = {n for n in self.reading.places("me") if self.words[n] in ("i", "we")}
         people = {*self.people, *self.reading.places("people")} | first
         begin = verb

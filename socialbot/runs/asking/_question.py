@@ -37,7 +37,7 @@ class Question:
         agent_kind: Kind of the agents that acted, of ``which carrier``; empty for any.
         things: Names in it, such as box_a1, with the word before each, such as "to".
         at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
-        is_later: Whether it asks what came after that time: ``after 50 s``.
+        is_later: Whether it asks for records after the time, as in ``after 50 s``.
         span_s: Span of time in it; with a negative begin it ends at the time of the question.
         ordinal: Which time a deed was done: 1 for the first, -1 for the last.
         is_past: Whether it asks about the past.

@@ -20,7 +20,7 @@ def talk():
 
 
 def told(found: Answer) -> list[str]:
-    """Return the words of what was said and heard in an answer, in order."""
+    """Return the words of each quoted sentence in an answer, in order."""
     return [clause.claim.what[0] for clause in found.clauses if clause.claim.kind in ("heard", "said", "did")]
 
 
