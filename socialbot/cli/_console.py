@@ -23,12 +23,14 @@ class Console(rich.console.Console):
     """Console of rich that prints only its own control sequences, not those in texts.
 
     Text with invalid markup is printed as it is, and markup makes no links, whose address would not be seen. Lines for
-    a file or pipe are not folded, so that other programs find whole names; the variable COLUMNS changes that.
+    a file or pipe are not folded, so that other programs find whole names. The variable COLUMNS changes that, but not
+    together with LINES: then it is the size of a terminal, which for example pytest passes on to the programs it runs.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        if not self.is_terminal and "COLUMNS" not in os.environ and "width" not in options:
+        asked = "width" in options or ("COLUMNS" in os.environ and "LINES" not in os.environ)
+        if not self.is_terminal and not asked:
             self.width = WIDE
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:

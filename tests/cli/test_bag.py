@@ -29,7 +29,7 @@ START = 1_700_000_000 * SECOND
 
 
 def run(*arguments: str) -> str:
-    result = CliRunner(env={"COLUMNS": "80"}).invoke(app, list(arguments), catch_exceptions=False)
+    result = CliRunner(env={"COLUMNS": "80", "LINES": None}).invoke(app, list(arguments), catch_exceptions=False)
     assert result.exit_code == 0
     return result.output
 

@@ -134,14 +134,20 @@ def test_commands_print_by_this_console_only() -> None:
 
 def test_lines_for_a_file_or_pipe_are_not_folded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.delenv("LINES", raising=False)
     name = "/camera/depth/image_raw/compressedDepth" * 3
     table = Table(box=None, show_header=False)
     for _ in range(3):
         table.add_column(overflow="fold")
     table.add_row(name, name, name)
-    pipe, page = io.StringIO(), io.StringIO()
-    Console(file=pipe).print(table)
-    assert len(pipe.getvalue().splitlines()) == 1
+
+    def lines() -> int:
+        pipe = io.StringIO()
+        Console(file=pipe).print(table)
+        return len(pipe.getvalue().splitlines())
+
+    assert lines() == 1
     monkeypatch.setenv("COLUMNS", "80")
-    Console(file=page).print(table)
-    assert len(page.getvalue().splitlines()) == 5
+    assert lines() == 5
+    monkeypatch.setenv("LINES", "24")  # with both, as readline exports them, it is the size of a terminal
+    assert lines() == 1

@@ -38,7 +38,7 @@ def wheels(monkeypatch) -> None:
 class TestCommand:
     def run(self, monkeypatch, findings, *arguments: str):
         monkeypatch.setattr(doctor_command, "examine", lambda **how: iter(findings))
-        return CliRunner().invoke(app, arguments, env={"COLUMNS": "80"}, catch_exceptions=False)
+        return CliRunner().invoke(app, arguments, env={"COLUMNS": "80", "LINES": None}, catch_exceptions=False)
 
     def test_exit_code_is_5_after_an_error(self, monkeypatch):
         assert self.run(monkeypatch, FINDINGS).exit_code == 5
