@@ -167,4 +167,4 @@ def test_recorded_packets_have_no_effect(with_keys: bool, tmp_path: Path) -> Non
             assert not forged(), forged()
             assert len(heard()) == count, "a robot that has just started believes what it has never heard"
             assert "replayed" in logs[1].read_text()
-            assert "late" in logs[2].read_text()
+            assert "replayed" in logs[2].read_text()
