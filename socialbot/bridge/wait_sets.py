@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import inspect
 import logging
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
@@ -36,7 +38,7 @@ POLL_PERIOD_S = 1.0
 """Shortest time (s) between two looks for QoS events, which are rare, for instance an incompatible QoS."""
 
 REPLACEMENT_S = 6.0
-"""Shortest time (s) between two replacements of damaged subscriptions, which strangers can cause."""
+"""Shortest time (s) between two replacements of a damaged subscription, which strangers can cause."""
 
 DAMAGED_PAUSE_S = 0.002
 """Pause (s) after each empty message until the replacement: DDS returns it at once, again and again."""
@@ -156,9 +158,10 @@ class OneThreadExecutor(SingleThreadedExecutor):
         super().__init__(**options)
         self._steady_s = clock
         self._polled_s = clock() - POLL_PERIOD_S
-        self._replaced_s = clock() - REPLACEMENT_S
+        self._replaced_s: WeakKeyDictionary[Any, float] = WeakKeyDictionary()
         self._replacements = 0
-        self._empty: tuple[int, Any] | None = None
+        self._empty: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+        """The last empty message of each subscription that had one, as its information."""
         self._spinning = 0
         self._suspended: set[Any] = set()
         """Tasks that await something."""
@@ -301,9 +304,9 @@ class OneThreadExecutor(SingleThreadedExecutor):
             return
         message, info = taken
         if not message:
-            if self._empty == (id(subscription), info):  # another sender's empty message comes once
+            if self._empty.get(subscription) == info:  # another sender's empty message comes once
                 self._replace_damaged(subscription, node)
-            self._empty = id(subscription), info
+            self._empty[subscription] = info
             return
         if not subscription.raw:
             try:
@@ -316,10 +319,10 @@ class OneThreadExecutor(SingleThreadedExecutor):
     def _replace_damaged(self, subscription: Any, node: Node) -> None:
         """Give ``subscription`` a new queue. Its owners keep the object."""
         now_s = self._steady_s()
-        if now_s - self._replaced_s < REPLACEMENT_S:
+        if now_s - self._replaced_s.get(subscription, -math.inf) < REPLACEMENT_S:
             time.sleep(DAMAGED_PAUSE_S)
             return
-        self._replaced_s = now_s
+        self._replaced_s[subscription] = now_s
         self._replacements += 1
         if is_power_of_ten(self._replacements):
             text = "%s: the middleware holds an empty message in its queue; subscribed again (%d)"

@@ -140,6 +140,35 @@ def test_a_message_that_dds_has_freed_in_its_queue_stops_nothing(spun: _Spun, ra
     assert not list(spun.node.subscriptions)
 
 
+def test_subscriptions_that_are_damaged_at_the_same_time_are_all_made_again(spun: _Spun):
+    topics = ["/said", "/second", "/third"]
+    said = [spun.said, *(spun.node.create_publisher(String, topic, 100) for topic in topics[1:])]
+    subscriptions = [spun.node.create_subscription(String, topic, spun.take, 100) for topic in topics]
+
+    def say(words: list[str]) -> None:
+        for publisher, word in zip(said, words, strict=True):
+            publisher.publish(String(data=word))
+
+    def all_hear(kind: str) -> bool:
+        words = [f"{kind} {topic}" for topic in topics]
+        return spun.until(lambda: say(words) or set(words) <= set(spun.heard))
+
+    assert all_hear("first")
+    damaged = [each.handle for each in subscriptions]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for topic in topics:
+            publisher = bytes(spun.node.get_publishers_info_by_topic(topic)[0].endpoint_gid)
+            for port in ports(int(os.environ["ROS_DOMAIN_ID"])):
+                sender.sendto(freed(publisher, 1000), ("127.0.0.1", port))
+
+    def are_made_again() -> bool:
+        say(["lost"] * 3)
+        return all(one.handle is not handle for one, handle in zip(subscriptions, damaged, strict=True))
+
+    assert spun.until(are_made_again)
+    assert all_hear("after")
+
+
 @pytest.mark.parametrize("content", [b"", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff"])
 def test_messages_that_are_none_of_the_type_are_dropped(spun: _Spun, content: bytes):
     subscription = spun.node.create_subscription(String, "/said", spun.take, 100)
