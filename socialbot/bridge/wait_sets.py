@@ -26,6 +26,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.utilities import timeout_sec_to_nsec
@@ -40,11 +41,16 @@ POLL_PERIOD_S = 1.0
 REPLACEMENT_S = 6.0
 """Shortest time (s) between two replacements of a damaged subscription, which strangers can cause."""
 
+KEPT_SAMPLES = 1000
+"""Latched messages of a subscription that are known again after its replacement."""
+
 DAMAGED_PAUSE_S = 0.002
 """Pause (s) after each empty message until the replacement: DDS returns it at once, again and again."""
 
 RESUMED_S = 0.1
 """Longest time (s) until a suspended coroutine goes on, if what it awaits has ended in another thread."""
+
+TRANSIENT_LOCAL = DurabilityPolicy.TRANSIENT_LOCAL
 
 KINDS = {
     "timer": "timers",
@@ -57,6 +63,9 @@ KINDS = {
 
 
 _RESUMED_NS = round(RESUMED_S * 1e9)
+
+_Sample = tuple[int, int]
+"""Time (ns) and number of a message, both by its publisher."""
 
 _Ready = tuple[str, Any, Any]
 """Kind, entity and node; a task has the kind ``task`` and may have no node."""
@@ -162,6 +171,8 @@ class OneThreadExecutor(SingleThreadedExecutor):
         self._replacements = 0
         self._empty: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
         """The last empty message of each subscription that had one, as its information."""
+        self._latched: WeakKeyDictionary[Any, deque[_Sample]] = WeakKeyDictionary()
+        """Messages of subscriptions that would get them again after a replacement."""
         self._spinning = 0
         self._suspended: set[Any] = set()
         """Tasks that await something."""
@@ -308,6 +319,8 @@ class OneThreadExecutor(SingleThreadedExecutor):
                 self._replace_damaged(subscription, node)
             self._empty[subscription] = info
             return
+        if subscription.qos_profile.durability is TRANSIENT_LOCAL and self._was_taken(subscription, info):
+            return
         if not subscription.raw:
             try:
                 message = deserialize_message(message, subscription.msg_type)
@@ -315,6 +328,15 @@ class OneThreadExecutor(SingleThreadedExecutor):
                 return
         is_alone = subscription._callback_type is Subscription.CallbackType.MessageOnly
         self._finish(subscription.callback(message) if is_alone else subscription.callback(message, info))
+
+    def _was_taken(self, subscription: Any, info: Any) -> bool:
+        """Whether a message was taken before ``subscription`` was replaced; note it if not."""
+        sample = info["source_timestamp"], info["publication_sequence_number"]
+        taken = self._latched.setdefault(subscription, deque(maxlen=KEPT_SAMPLES))
+        if subscription in self._replaced_s and sample in taken:
+            return True
+        taken.append(sample)
+        return False
 
     def _replace_damaged(self, subscription: Any, node: Node) -> None:
         """Give ``subscription`` a new queue. Its owners keep the object."""

@@ -140,6 +140,22 @@ def test_a_message_that_dds_has_freed_in_its_queue_stops_nothing(spun: _Spun, ra
     assert not list(spun.node.subscriptions)
 
 
+def test_a_latched_message_comes_once_also_if_its_subscription_is_made_again(spun: _Spun):
+    latched = profile(10, latched=True)
+    publisher = spun.node.create_publisher(String, "/kept", latched)
+    subscription = spun.node.create_subscription(String, "/kept", spun.take, latched)
+    publisher.publish(String(data="once"))
+    assert spun.until(lambda: spun.heard == ["once"])
+    damaged, writer = subscription.handle, bytes(spun.node.get_publishers_info_by_topic("/kept")[0].endpoint_gid)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for port in ports(int(os.environ["ROS_DOMAIN_ID"])):
+            sender.sendto(freed(writer, 1000), ("127.0.0.1", port))
+    assert spun.until(lambda: subscription.handle is not damaged)
+    publisher.publish(String(data="twice"))
+    assert spun.until(lambda: "twice" in spun.heard)
+    assert spun.heard == ["once", "twice"]
+
+
 def test_subscriptions_that_are_damaged_at_the_same_time_are_all_made_again(spun: _Spun):
     topics = ["/said", "/second", "/third"]
     said = [spun.said, *(spun.node.create_publisher(String, topic, 100) for topic in topics[1:])]
