@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -19,7 +19,9 @@ from socialbot.core.errors import GraphError, NodeError, ParameterError, suggest
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.ports import TOPIC_NAME
 
-SETTLE_S = 1.0  # time without a new node, after which the list of nodes is complete
+T = TypeVar("T")
+
+SETTLE_S = 1.0  # time without news of nodes, after which their list is complete
 
 
 class NodeClient:
@@ -36,13 +38,18 @@ class NodeClient:
 
     def nodes(self) -> list[str]:
         """The full names of the other nodes, without hidden ones, once no new ones appear."""
-        found: list[str] = []
+        return self._settled(self._nodes, bool)
+
+    def _settled(self, look: Callable[[], T], is_complete: Callable[[T], bool]) -> T:
+        """What ``look`` finds once it changes no more and ``is_complete``, or when the time is over."""
+        found = look()
         since = time.monotonic()
-        while time.monotonic() - since < SETTLE_S:
-            before, found = found, self._nodes()
+        end = since + self._timeout_s
+        while time.monotonic() < (since + SETTLE_S if is_complete(found) else max(since + SETTLE_S, end)):
+            self._executor.spin_once(timeout_sec=0.05)
+            before, found = found, look()
             if found != before:
                 since = time.monotonic()
-            self._executor.spin_once(timeout_sec=0.05)
         return found
 
     def _nodes(self) -> list[str]:
@@ -225,13 +232,22 @@ class LifecycleClient(NodeClient):
 
     def managed_nodes(self) -> list[str]:
         """The full names of the nodes with lifecycle services."""
-        found: list[str] = []
-        for node in self.nodes():
-            name, space = node.rpartition("/")[2], node.rpartition("/")[0] or "/"
-            services = dict(self._ros.get_service_names_and_types_by_node(name, space))
-            if _GET_STATE in services.get(f"{node}/get_state", ()):
-                found.append(node)
-        return found
+
+        def are_known(offered: dict[str, dict[str, list[str]] | None]) -> bool:
+            return bool(offered) and None not in offered.values()
+
+        offered = self._settled(lambda: {node: self._services(node) for node in self._nodes()}, are_known)
+        return [node for node, each in offered.items() if _GET_STATE in (each or {}).get(f"{node}/get_state", ())]
+
+    def _services(self, node: str) -> dict[str, list[str]] | None:
+        """Services of a node with their types; None while neither its services nor its topics are known."""
+        space, _, name = node.rpartition("/")
+        try:
+            services = dict(self._ros.get_service_names_and_types_by_node(name, space or "/"))
+            topics = self._ros.get_publisher_names_and_types_by_node(name, space or "/")
+        except (UnicodeDecodeError, RuntimeError):  # a name is no text, or the node has ended meanwhile
+            return {}
+        return services if services or topics else None
 
     def state(self, node: str) -> str:
         """The state of a node, such as ``active``."""

@@ -5,14 +5,16 @@ from __future__ import annotations
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
+from time import sleep
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from socialbot.agents.base.foreign_node import ForeignNodeState
-from socialbot.bridge.node_services import lifecycle_client
+from socialbot.bridge.node_services import SETTLE_S, lifecycle_client
 from socialbot.cli.lifecycle import lifecycle
 from socialbot.core.errors import GraphError, NodeError
 from socialbot.graph.files import parse_graph
@@ -80,6 +82,14 @@ def test_states_of_a_foreign_node_are_printed_and_changed():
         assert "cleanup" in transitions
         assert "deactivate" not in transitions
         assert socialbot_lifecycle("set", "lidar_driver", "activate") == "active\n"
+
+
+def test_a_node_that_appears_late_is_listed():
+    with lifecycle_client(timeout_s=60.0) as client, ThreadPoolExecutor() as pool:
+        found = pool.submit(client.managed_nodes)
+        sleep(1.5 * SETTLE_S)
+        with foreign_nodes():
+            assert found.result() == ["/lidar_driver"]
 
 
 @pytest.mark.slow
