@@ -17,7 +17,7 @@ from socialbot.bdi._rule_checks import actions_not_given, check_belief, check_go
 from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import SELF, Belief, Change, Goal, Literal, distinct, known_notes, source_notes
+from socialbot.bdi.literals import OWN_SOURCES, SELF, Belief, Change, Goal, Literal, distinct, known_notes, source_notes
 from socialbot.bdi.plans import Inference, Plan, contents_of, flat
 from socialbot.bdi.sensors import Sensor, take_percept
 from socialbot.bdi.steps import Action
@@ -100,6 +100,8 @@ class Engine:
     ) -> None:
         if isinstance(clock, type) or not callable(getattr(clock, "now", None)):
             raise RuleError(f"{clock!r} is not a clock", where=name, remedy="give a clock such as WallClock()")
+        if name in OWN_SOURCES:
+            raise RuleError(f"no agent can be named {name}: it is a source of beliefs", remedy="choose another name")
         self.name = name
         self.clock = clock
         self.robot = robot

@@ -454,6 +454,9 @@ PERCEPT = (KnownSource(Atom("percept")),)
 """Annotations of the agent's own conclusions and of percepts."""
 
 
+OWN_SOURCES = frozenset({"self", "percept"})
+"""Sources that stand for the agent and its percepts. No agent may have such a name: what it says would count as one."""
+
 SOURCES: dict[object, tuple[Literal, ...]] = {
     name: notes for text, notes in (("self", SELF), ("percept", PERCEPT)) for name in (text, Atom(text))
 }

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from socialbot.bdi import Engine
+from socialbot.bdi.literals import OWN_SOURCES
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.deliberator import Deliberator
@@ -377,6 +378,8 @@ class RequestServer:
 
     def _answer(self, request: AgentRequest) -> AgentReply | None:
         """Execute a request and return its answer; None for the offer of a desire, which is answered later."""
+        if request.sender in OWN_SOURCES:
+            return self._refuse(request, f"no agent can be named {request.sender}")
         if (request.belief is None) == (request.desire is None):
             return self._refuse(request, "it has to name a belief or a desire")
         if request.operation == "bid" and request.desire is None:

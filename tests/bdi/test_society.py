@@ -99,6 +99,15 @@ def test_names_are_taken_once():
         Society(ManualClock()).add(society.agents["a"])
 
 
+@pytest.mark.parametrize("name", ["self", "percept"])
+def test_no_agent_is_named_after_an_own_source_of_beliefs(name):
+    """What it says would count as a conclusion or a percept of the receiver."""
+    society = Society(ManualClock())
+    with pytest.raises(RuleError, match=f"no agent can be named {name}"):
+        society.add(name)
+    assert not society.agents
+
+
 def test_removed_agent_receives_nothing():
     mas = Mas(
         a="!g. +!g <- .wait(10); .send(b, tell, x(1)). -!g[error_msg(M)] <- .print(M).",

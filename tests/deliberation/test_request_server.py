@@ -90,6 +90,13 @@ def test_forbidden_and_invalid_requests_are_refused_on_the_trace(desk, operation
     assert desk.office.wants == []
 
 
+@pytest.mark.parametrize("name", ["self", "percept"])
+def test_nobody_speaks_as_the_agent_itself_or_as_its_percepts(desk, name):
+    reply = desk.ask("add", p("lit"), sender=name)
+    assert (reply.accepted, reply.reason) == (False, f"no agent can be named {name}")
+    assert not desk.ask("check", p("lit")).found
+
+
 def test_a_request_has_to_name_one_thing(desk):
     for what in ({}, {"belief": p("lit"), "desire": job("a")}):
         request = AgentRequest(

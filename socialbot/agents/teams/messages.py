@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from socialbot.bdi.literals import OWN_SOURCES
 from socialbot.core.clock import Clock
 from socialbot.core.messages import Structured
 
@@ -153,6 +154,8 @@ PERFORMATIVES: Mapping[type[Content], tuple[Performative, ...]] = {
 
 def protocol_error(message: AclMessage) -> str:
     """The violation of the protocol by a message; an empty string for a valid one."""
+    if message.sender in OWN_SOURCES:
+        return f"no agent can be named {message.sender}"
     content = message.content
     allowed = PERFORMATIVES[type(content)]
     if message.performative not in allowed:

@@ -240,6 +240,7 @@ def test_duplicate_plan_has_no_effect():
         (Belief("milestone9"), "query", UVD, "mission_1_1", "inform"),
         (Plan("mission_2_1", ()), "inform", "coordinator", "mission_3_1", "mission_3_1"),
         (Plan("", ()), "inform", "coordinator", "", "no mission"),
+        (Belief("milestone9"), "inform", "percept", "mission_1_1", "no agent can be named percept"),
     ],
 )
 def test_wrong_performative_is_refused_without_effect(content, performative, sender, mission, reason, caplog):
