@@ -16,7 +16,17 @@ from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, PREDICATE, ActionStatus, Fact
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.planning.pddl.formulas import Effect, Fluent, Formula, Key, NumericEffect, PddlWorld, Predicate
+from socialbot.planning.pddl.formulas import (
+    Add,
+    Delete,
+    Effect,
+    Fluent,
+    Formula,
+    Key,
+    NumericEffect,
+    PddlWorld,
+    Predicate,
+)
 from socialbot.planning.pddl.semantics import Changes, triggered, unmet
 from socialbot.planning.pddl.state import Projection
 
@@ -165,11 +175,7 @@ class ActionExecutor:
         step, now, beliefs = task.step, self.loop.now, self._beliefs(task.presumed)
         task.started_changes = at_start = task.changes("start", beliefs)
         begun = self._beliefs({**task.presumed, **at_start})
-        task.starting_values = {
-            fluent: begun.value(fluent)
-            for _, fluent in _numeric(task.effects("end"), begun)
-            if self.is_sensed(fluent.name, fluent.terms)
-        }
+        task.starting_values = self._starting_values(task, begun)
         task.expected = self._sensed(at_start)
         conditions = (*task.action.conditions_at("start"), *task.action.conditions_at("over all"))
         task.record = self.engine.trace.record(
@@ -186,6 +192,16 @@ class ActionExecutor:
         self._apply(task, "start")
         goal = literal(step.action, tuple(map(Atom, step.args)))
         task.intention = self.engine.attempt(goal, lambda failure: self._on_ended(task, failure), cause=task.record)
+
+    def _starting_values(self, task: PlanTask, begun: PddlWorld) -> dict[Key, bool | float | None]:
+        effects = list(triggered(task.effects("end"), begun))
+        deleted = {each.predicate: False for each in effects if isinstance(each, Delete)}
+        truths = {**deleted, **{each.predicate: True for each in effects if isinstance(each, Add)}}
+        values: dict[Key, bool | float | None] = {
+            **{each.fluent: begun.value(each.fluent) for each in effects if isinstance(each, NumericEffect)},
+            **{predicate: not new for predicate, new in truths.items() if begun.holds(predicate) != new},
+        }
+        return {key: value for key, value in values.items() if self.is_sensed(key.name, key.terms)}
 
     def _on_ended(self, task: PlanTask, failure: Failure | None) -> None:
         task.outcome = (failure,)
@@ -224,7 +240,10 @@ class ActionExecutor:
             self._fail(task, f"condition holds no longer: {overdue}")
 
     def _check_end(self, task: PlanTask) -> None:
-        missing = unmet(task.action.conditions_at("end"), self._beliefs())
+        conditions, facts = task.action.conditions_at("end"), self.facts
+        missing = unmet(conditions, self._beliefs())
+        if missing:  # sensors may have reported its effects before the action ended
+            missing = unmet(conditions, self._beliefs(task.without_end_effects(facts, facts.domain)))
         overdue = self._overdue(task, missing, self.options.tolerance_s)
         if not missing:
             task.expected = self._sensed(task.end_changes(self.facts, self.facts.domain))

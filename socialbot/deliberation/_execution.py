@@ -37,7 +37,7 @@ class PlanTask:
         before_start, before_end: Events that must happen before the task may start or end.
         since, unmet_since: Times (ns) at which the phase began and a condition stopped holding.
         expected: Effects that sensors have to report.
-        starting_values: Sensed fluents that the end effects change, with their values after the start.
+        starting_values: What the end effects change and sensors report, with its values after the start.
         started_changes: Effects of its start.
         presumed: Facts that count at its start although sensors do not show them: it goes on from a stopped step.
     """
@@ -57,7 +57,7 @@ class PlanTask:
     intention: Intention | None = None
     outcome: tuple[Failure | None] | None = None
     expected: Changes = field(default_factory=dict)
-    starting_values: dict[Fluent, float | None] = field(default_factory=dict)
+    starting_values: dict[Key, bool | float | None] = field(default_factory=dict)
     started_changes: Changes = field(default_factory=dict)
     presumed: Changes = field(default_factory=dict)
     _progress: float = 0.0
@@ -81,7 +81,16 @@ class PlanTask:
 
     @property
     def known_starting_values(self) -> Changes:
-        return {fluent: value for fluent, value in self.starting_values.items() if value is not None}
+        return {key: value for key, value in self.starting_values.items() if value is not None}
+
+    def without_end_effects(self, world: PddlWorld, domain: PddlDomain) -> Changes:
+        """Return what its end effects have changed in a world already, as it would be without them."""
+        found: Changes = {}
+        for key, new in self.end_changes(world, domain).items():
+            before, now = self.starting_values.get(key), world.value(key) if isinstance(key, Fluent) else None
+            if before is not None and self.is_seen(key, new, world):
+                found[key] = before if now is None else now - new + before
+        return found
 
     def first_unseen(self, world: PddlWorld) -> str | None:
         """Return the first expected effect that sensors have not reported; None if there is none."""

@@ -207,6 +207,39 @@ def test_a_number_may_be_seen_before_or_after_the_action_ends(seen_at):
     assert stage.holds("paint = 2")
 
 
+@pytest.mark.parametrize(
+    ("seen", "end"),
+    [
+        ("paint = 0", ("succeeded", "")),
+        ("paint = -1", ("failed", "(spray b1): condition does not hold at the end: (>= (paint) 1)")),
+    ],
+)
+def test_a_condition_at_the_end_counts_without_the_effects_that_sensors_saw_before(seen, end):
+    stage = Stage(watched={"paint"})
+    stage.believe("paint = 1")
+    stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]", wanted="painted b1")
+    stage.until(2.5)
+    stage.believe(seen)
+    assert stage.until(20) == [end]
+
+
+@pytest.mark.parametrize("is_replaced", [False, True])
+@pytest.mark.parametrize("seen_at", [2.5, 3.5])
+def test_a_fact_may_be_seen_to_end_before_or_after_the_action_that_needs_it_ends(seen_at, is_replaced):
+    needs = "(at start (holding ?r ?b)) (over all (at ?r ?p))"
+    domain = read_domain(WORKSHOP.text.replace(needs, f"{needs} (at end (holding ?r ?b))", 1))
+    stage = Stage(domain=domain, watched={"holding"})
+    stage.behaviour["(put r1 b1 home)"] = Behaviour(lasts_s=3)
+    stage.believe("holding r1 b1")
+    stage.execute("0: (put r1 b1 home) [3]", wanted="in b1 home")
+    stage.until(seen_at)
+    stage.forget("holding r1 b1")
+    if is_replaced:  # by a plan during the same step
+        stage.execute("1: (move r1 home shop) [5]", wanted="at r1 shop")
+    assert stage.until(20)[-1] == ("succeeded", "")
+    assert stage.holds("in b1 home")
+
+
 def test_a_number_that_does_not_change_fails_the_step():
     stage = Stage(watched={"paint"})
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]", wanted="painted b1")

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Record
@@ -233,6 +233,7 @@ seeds, some = st.integers(0, 2**32), st.sets(st.sampled_from(WATCHABLE))
 
 @quick
 @given(seed=seeds, watched=some)
+@example(seed=2**31, watched={"at", "holding", "in", "open", "paint"})  # the last paint is seen to go before the end
 def test_an_undisturbed_plan_succeeds_for_any_durations(seed, watched):
     check_run(seed, watched, calm=True)
 
@@ -254,6 +255,6 @@ def test_so_it_is_for_many_seeds_and_most_things_that_can_happen_do():
             seen[re.sub(r"[(:\d].*", "", str(record.detail.get("message", record.detail["outcome"])))] += 1
     for what in (
         "succeeded", "failed", "aborted", "successful", "bad luck", "condition does not hold",
-        "condition holds no longer", "effect not seen", "takes longer than ", "condition does not hold at the end",
+        "condition holds no longer", "effect not seen", "takes longer than ",
     ):  # fmt: skip
         assert any(known.startswith(what) for known in seen), (what, seen)
