@@ -14,7 +14,17 @@ class LabelReader(Protocol):
     """Function that reads labels."""
 
     def __call__(self, path: Path, images: Path | None, people: Sequence[str], /) -> list[LabelledSource]:
-        """Read the labels at ``path``; ``images`` is the folder of the images, ``people`` are further class names."""
+        """Read the labels at ``path``.
+
+        Args:
+            path: File or folder with labels.
+            images: Folder of the images, or video; None: found near the labels.
+            people: Further names of classes of people.
+
+        Raises:
+            TruthError: The labels are invalid.
+            ImageError: There are no images.
+        """
         ...
 
 

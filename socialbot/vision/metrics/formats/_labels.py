@@ -111,6 +111,14 @@ def is_number(word: str) -> bool:
     return True
 
 
+def labelled_size(width: str | None, height: str | None) -> tuple[int, int] | None:
+    """Width and height in a label file, pixels; None if they are missing or impossible: some tools write 0."""
+    words = [(word or "").strip() for word in (width, height)]
+    if not all(word.isdecimal() and len(word) < 7 and int(word) > 0 for word in words):
+        return None
+    return int(words[0]), int(words[1])
+
+
 def numbers(words: Sequence[str], where: str, remedy: str) -> list[float]:
     """Parse finite numbers. Raises TruthError for another word."""
     parsed = []
@@ -434,9 +442,14 @@ def labelled_images(labels: Labels, format: str, folder: Path) -> LabelledSource
     return labels.source(folder.resolve().name, format, images, entries)
 
 
-def sequence(paths: Sequence[Path], stamps: Sequence[int]) -> FolderImages:
-    """Consecutive images."""
-    return FolderImages("", tuple(map(str, paths)), tuple(stamps), consecutive=True)
+def recording(
+    paths: Sequence[Path], frames: Sequence[int], rate_hz: float
+) -> tuple[FolderImages, list[tuple[int, str, int]]]:
+    """Consecutive images in the order of their ``frames``; and the frame, name and stamp (ns) of each."""
+    ordered = sorted(zip(frames, paths, strict=True), key=lambda each: each[0])
+    listed = [(frame, path.name, round((frame - ordered[0][0]) * SECOND / rate_hz)) for frame, path in ordered]
+    stamps = tuple(stamp for _, _, stamp in listed)
+    return FolderImages("", tuple(str(path) for _, path in ordered), stamps, consecutive=True), listed
 
 
 def video(path: Path, rate_hz: float | None = None) -> VideoImages:

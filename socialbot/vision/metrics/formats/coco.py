@@ -15,7 +15,6 @@ import msgspec
 
 from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.bags.reader import natural
-from socialbot.core.clock import SECOND
 from socialbot.core.errors import TruthError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -26,9 +25,9 @@ from socialbot.vision.metrics.formats._labels import (
     fault,
     folders_in,
     missing_images,
+    recording,
     refuse_score,
     role_of,
-    sequence,
     single_images,
 )
 from socialbot.vision.metrics.frames import Key, LabelledSource
@@ -134,20 +133,7 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read a COCO file.
-
-    Args:
-        path: The JSON file.
-        images: Folder of the images; default: found near the file.
-        people: Further names of classes of people.
-
-    Returns:
-        One source, or one for each video.
-
-    Raises:
-        TruthError: The file is invalid.
-        ImageError: There are no images.
-    """
+    """Read a COCO file: one source, or one for each video. See `LabelReader`."""
     data = parse_json(read_json(path), _File, where=str(path), remedy=REMEDY)
     listed = _parsed(data.images, _Image, path, "images")
     classes = _parsed(data.categories, _Category, path, "categories")
@@ -201,18 +187,17 @@ def _source(
     path = labels.path
     name = path.parent.resolve().name if path.name == ROBOFLOW else path.stem
     name = name if key is None else f"{name}/{video.name if video and video.name else key}"
+    if key is not None:
+        group.sort(key=lambda image: image.frame_id or 0)
+    paths = [place for image in group if (place := found[image.id]) is not None]
     if key is None:
-        paths = [place for image in group if (place := found[image.id]) is not None]
         images, stamps = single_images(paths)
     else:
-        group.sort(key=lambda image: image.frame_id or 0)
-        paths = [place for image in group if (place := found[image.id]) is not None]
-        rate = _rate(video) or DEFAULT_RATE_HZ
         frames = [image.frame_id or 0 for image in group]
         if len(set(frames)) < len(frames) or not all(abs(frame) < 1 << 31 for frame in frames):
             raise fault(f"two images of video {key} have the same frame_id", path, "number the images of each video")
-        stamps = tuple(round((frame - min(frames)) * SECOND / rate) for frame in frames)
-        images = sequence(paths, stamps)
+        images, _ = recording(paths, frames, _rate(video) or DEFAULT_RATE_HZ)
+        stamps = images.stamps
     entries = [
         Entry(image.id, image.file_name, stamp, image.id, _size(image))
         for image, stamp in zip(group, stamps, strict=True)

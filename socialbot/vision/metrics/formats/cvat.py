@@ -10,7 +10,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from socialbot.bags.image_files import DEFAULT_RATE_HZ
-from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -23,10 +22,11 @@ from socialbot.vision.metrics.formats._labels import (
     first_folder,
     frames_of,
     image_files,
+    labelled_size,
     missing_images,
     number_in,
     numbers,
-    sequence,
+    recording,
     single_images,
     video,
 )
@@ -46,17 +46,7 @@ def cvat_files(folder: Path) -> list[Path]:
 
 
 def read_cvat(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read a CVAT file.
-
-    Args:
-        path: The XML file.
-        images: Folder of the images, or video; default: found near the file.
-        people: Further names of classes of people.
-
-    Raises:
-        TruthError: The file is invalid.
-        ImageError: There are no images.
-    """
+    """Read a CVAT file. See `LabelReader`."""
     root = read_xml(path)
     if root.tag != "annotations":
         raise fault(f"the root is <{root.tag}>, not <annotations>", path, REMEDY)
@@ -87,7 +77,7 @@ def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSourc
         if place is None:
             missing.append(name)
             continue
-        found.append((number, name, place, _whole(each.get("width"), each.get("height"))))
+        found.append((number, name, place, labelled_size(each.get("width"), each.get("height"))))
         for shape in each:
             _add(labels, number, shape, shape.get("label") or "", "")
     missing_images(missing, len(listed), images or labels.path.parent, labels)
@@ -108,7 +98,7 @@ def _frames(root: Element, labels: Labels, film: Path) -> LabelledSource:
         if frame is None or frame >= len(pictures.stamps):
             lost.append(name)
             continue
-        size = _whole(each.get("width"), each.get("height"))
+        size = labelled_size(each.get("width"), each.get("height"))
         entries.append(Entry(frame, name, pictures.stamps[frame], frame + 1, size))
         for shape in each:
             _add(labels, frame, shape, shape.get("label") or "", "")
@@ -129,7 +119,7 @@ def _video(root: Element, labels: Labels, images: Path | None) -> LabelledSource
                 _add(labels, frame, shape, name, id)
         _interpolate(labels, shapes, name, id, _step(root))
     size = root.find("meta//original_size")
-    labelled = None if size is None else _whole(size.findtext("width"), size.findtext("height"))
+    labelled = None if size is None else labelled_size(size.findtext("width"), size.findtext("height"))
     pictures, numbered = _sequence(root, labels, images)
     entries = [Entry(frame, name, stamp, frame + 1, labelled) for frame, name, stamp in numbered]
     lost = {*labels.persons, *labels.regions} - {frame for frame, _, _ in numbered}
@@ -180,10 +170,7 @@ def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[Image
         return film, [(frame, f"frame {frame}", film.stamps[frame]) for frame in frames]
     paths = image_files(place)
     labels.notes.append(f"{DEFAULT_RATE_HZ:g} images a second are assumed")
-    ordered = sorted(zip(frames_of(paths, labels, start, _step(root)), paths, strict=True))
-    stamps = [round((number - ordered[0][0]) * SECOND / DEFAULT_RATE_HZ) for number, _ in ordered]
-    numbered = [(number, path.name, stamp) for (number, path), stamp in zip(ordered, stamps, strict=True)]
-    return sequence([path for _, path in ordered], stamps), numbered
+    return recording(paths, frames_of(paths, labels, start, _step(root)), DEFAULT_RATE_HZ)
 
 
 def _films(root: Element, places: Sequence[Path]) -> list[Path]:
@@ -266,13 +253,6 @@ def _step(root: Element) -> int:
 def _number(root: Element, name: str, default: int) -> int:
     text = (root.findtext(f"meta//{name}") or "").strip()
     return int(text) if text.isdecimal() and len(text) < 8 else default
-
-
-def _whole(width: str | None, height: str | None) -> tuple[int, int] | None:
-    words = [(word or "").strip() for word in (width, height)]
-    if not all(word.isdecimal() and len(word) < 7 and int(word) > 0 for word in words):
-        return None
-    return int(words[0]), int(words[1])
 
 
 def _name(root: Element, path: Path) -> str:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from socialbot.bags.reader import natural
-from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -26,8 +25,8 @@ from socialbot.vision.metrics.formats._labels import (
     lines_of,
     missing_images,
     numbers,
+    recording,
     refuse_score,
-    sequence,
     single_images,
     text_files,
     unlabelled_images,
@@ -53,20 +52,7 @@ def kitti_folders(folder: Path) -> list[Path]:
 
 
 def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read KITTI labels.
-
-    Args:
-        path: Folder of label files, or one label file.
-        images: Folder of the images; default: image_2 or image_02 beside the labels.
-        people: Further names of classes of people.
-
-    Returns:
-        One source of single images, or one for each tracking sequence.
-
-    Raises:
-        TruthError: The labels are invalid.
-        ImageError: There are no images.
-    """
+    """Read KITTI labels: one source of single images, or one for each tracking sequence. See `LabelReader`."""
     files = [path] if path.is_file() else sorted(path.glob("*.txt"), key=natural)
     if not files:
         raise fault("no .txt files", path, "give the folder of the label files")
@@ -112,10 +98,8 @@ def _tracking(file: Path, place: Path, people: Sequence[str]) -> LabelledSource:
     if not paths:
         raise ImageError("no images", where=str(place), remedy="name their folder with --images")
     frames = frames_of(paths, labels, 0)
-    stamps = [round((frame - min(frames)) * SECOND / RATE_HZ) for frame in frames]
-    order = sorted(range(len(paths)), key=frames.__getitem__)
-    entries = [Entry(frames[each], paths[each].name, stamps[each], frames[each] + 1) for each in order]
-    pictures = sequence([paths[each] for each in order], [stamps[each] for each in order])
+    pictures, numbered = recording(paths, frames, RATE_HZ)
+    entries = [Entry(frame, name, stamp, frame + 1) for frame, name, stamp in numbered]
     lost = {key for key in (*labels.persons, *labels.regions) if key not in set(frames)}
     if lost:
         labels.notes.append(f"{len(lost)} labelled frames have no image")

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.bags.reader import natural
-from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -27,8 +26,8 @@ from socialbot.vision.metrics.formats._labels import (
     lines_of,
     numbers,
     read_text,
+    recording,
     refuse_score,
-    sequence,
     video,
 )
 from socialbot.vision.metrics.frames import ImageSequence, LabelledSource
@@ -78,17 +77,7 @@ def _all_sequences(folder: Path) -> list[Path]:
 
 
 def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read a MOTChallenge sequence.
-
-    Args:
-        path: Folder of the sequence, or its file gt.txt.
-        images: Folder of the images, or video; default: found in the folder.
-        people: Further names of classes of people.
-
-    Raises:
-        TruthError: The labels are invalid.
-        ImageError: There are no images.
-    """
+    """Read a MOTChallenge sequence: its folder, or its file gt.txt. See `LabelReader`."""
     given = path.parent.parent if path.parent.name == "gt" else path.parent
     folder = path if path.is_dir() else given
     truth = next(
@@ -218,16 +207,11 @@ def _images(
     frames = frames_of(paths, labels, first)
     if 0 in frames and first == 1:
         labels.notes.append("image 0 has no label: the numbers of the images are taken for frames")
-    order = sorted(range(len(paths)), key=frames.__getitem__)
-    stamps = [round((frames[number] - min(frames)) * SECOND / (rate or DEFAULT_RATE_HZ)) for number in order]
-    entries = [
-        Entry(frames[number], paths[number].name, stamp, frames[number])
-        for number, stamp in zip(order, stamps, strict=True)
-    ]
+    pictures, numbered = recording(paths, frames, rate or DEFAULT_RATE_HZ)
     length = info.get("seqlength", "").strip()[:20]
     if length and length != str(len(paths)):
         labels.notes.append(f"{len(paths)} images, but seqinfo.ini says {length}")
-    return sequence([paths[number] for number in order], stamps), entries
+    return pictures, [Entry(frame, name, stamp, frame) for frame, name, stamp in numbered]
 
 
 def _is_mot(path: Path) -> bool:

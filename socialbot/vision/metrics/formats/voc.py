@@ -14,6 +14,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     folders_in,
+    labelled_size,
     missing_images,
     numbers,
     role_of,
@@ -40,17 +41,7 @@ def _has_voc(folder: Path) -> bool:
 
 
 def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read Pascal VOC labels.
-
-    Args:
-        path: Folder of the XML files, or one XML file.
-        images: Folder of the images; default: JPEGImages beside the labels, or the same folder.
-        people: Further names of classes of people.
-
-    Raises:
-        TruthError: The labels are invalid.
-        ImageError: There are no images.
-    """
+    """Read a folder of Pascal VOC labels, or one XML file. See `LabelReader`."""
     files = [path] if path.is_file() else sorted(path.glob("*.xml"), key=natural)
     folder = path.parent if path.is_file() else path
     above = (each.parent for each in (folder, folder.parent) if each.name.lower() == "annotations")
@@ -69,7 +60,7 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
         if image is None:
             missing.append(name or file.stem)
             continue
-        found[file.stem] = image, _size(root)
+        found[file.stem] = image, labelled_size(root.findtext("size/width"), root.findtext("size/height"))
         for number, thing in enumerate(root.findall("object")):
             _add(labels, file, thing, number)
     missing_images(missing, len(files), roots[0], labels)
@@ -96,14 +87,6 @@ def _add(labels: Labels, file: Path, thing: ElementTree.Element, number: int) ->
     left, top, right, bottom = numbers(words, where, REMEDY)
     ignore = (thing.findtext("difficult") or "0").strip().lower() in ("1", "true", "yes")
     labels.add(file.stem, name, (left, top, right - left, bottom - top), where, ignore=ignore)
-
-
-def _size(root: ElementTree.Element) -> tuple[int, int] | None:
-    """Labelled width and height; some tools write 0."""
-    words = [(root.findtext(f"size/{side}") or "").strip() for side in ("width", "height")]
-    if not all(word.isdecimal() and 0 < int(word[:9]) < 1_000_000 and len(word) < 9 for word in words):
-        return None
-    return int(words[0]), int(words[1])
 
 
 VOC = LabelFormat(

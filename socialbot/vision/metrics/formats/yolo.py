@@ -81,20 +81,7 @@ def _has_names(path: Path) -> bool:
 
 
 def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
-    """Read a YOLO data set.
-
-    Args:
-        path: Its folder, the folder of its labels, or data.yaml.
-        images: Folder of the images; default: found in the folder.
-        people: Further names of classes of people.
-
-    Returns:
-        One source for each part (train, val, test).
-
-    Raises:
-        TruthError: The labels are invalid.
-        ImageError: There are no images.
-    """
+    """Read a YOLO data set, the folder of its labels, or data.yaml: one source for each part. See `LabelReader`."""
     folder = path if path.is_dir() else path.parent
     names_at, keypoints, parts = _description(path if path.is_file() else _yaml_of(folder), folder)
     names, where = names_at
