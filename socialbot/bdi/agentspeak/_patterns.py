@@ -7,7 +7,7 @@ smc (single-minded), rc (relativised), omc (open-minded), mg (maintenance goal),
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from socialbot.bdi.agentspeak.printer import agentspeak
@@ -28,31 +28,27 @@ PATTERNS = {
 }  # fmt: skip
 """Goal patterns with their smallest and largest number of arguments."""
 
+_EXTENDED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "bdg": ("dg", ("-!{0} <- !{0}.",)),
+    "bc": ("bdg", ("+!{0} <- !{0}.",)),
+    "smc": ("bc", ("+{1} <- .fail_goal({0}).",)),
+    "rc": ("bc", ("-{1} <- .succeed_goal({0}).",)),
+    "omc": ("bc", ("+{1} <- .drop_intention({0}).", "-{2} <- .succeed_goal({0}).")),
+    "mg": ("bc", ("-{0} <- !{0}.",)),
+}
+"""Patterns with the plans of another one and further plans, whose places are the goal and the other arguments.
 
-@dataclass(frozen=True)
-class _Directive:
-    """Goal pattern with its arguments, the plans inside, and the reader of further plans."""
+An optional second argument names another pattern instead, as in ``bc(g, ebdg(g))``.
+"""
 
-    name: str
-    args: tuple[object, ...]
-    plans: tuple[Plan, ...]
-    read: Read
-
-    @property
-    def goal(self) -> Structure:
-        found: Any = self.args[2] if self.name == "sga" else self.args[0]
-        if isinstance(found, Atom):
-            return literal(found.name)
-        if not isinstance(found, Structure):
-            raise RuleError(f"{self.name} expects a goal", remedy=f"write {self.name}(g), for example")
-        return found
-
-    def other(self, name: str, args: tuple[object, ...] | None = None) -> list[Plan]:
-        """Plans of another pattern for the same goal."""
-        return expanded(name, (self.goal,) if args is None else args, self.plans, self.read)
-
-    def add(self, *texts: str) -> list[Plan]:
-        return [self.read(text) for text in texts]
+_SEQUENCED = (
+    "{0} : not f__l(_) & ({1}) <- !f__g({2}).",
+    "{0} : f__l(_) & ({1}) <- +f__l({2}).",
+    "+!f__g({2}) <- +f__l({2}); !{2}; -f__l({2}).",
+    "-!f__g({2}) <- -f__l({2}).",
+    "-f__l({2}) : f__l({2}) <- !f__g({2}).",
+)
+"""Plans of ``sga``; the places are the trigger, the context and the goal."""
 
 
 def expanded(name: str, args: tuple[object, ...], plans: tuple[Plan, ...], read: Read) -> list[Plan]:
@@ -67,103 +63,71 @@ def expanded(name: str, args: tuple[object, ...], plans: tuple[Plan, ...], read:
     Raises:
         RuleError: An argument is wrong.
     """
-    return _EXPANSIONS[name](_Directive(name, args, plans, read))
+    if name == "sga":
+        trigger, context, _ = args
+        if not isinstance(trigger, str) or not isinstance(context, str):
+            raise RuleError("sga expects a trigger and a context as strings", remedy='write sga("+b(X)", "c(X)", g(X))')
+        goal = agentspeak(_goal(name, args))
+        return [read(text.format(trigger, context, goal)) for text in _SEQUENCED]
+    wanted = _goal(name, args)
+    goal = agentspeak(wanted)
+    if name in _EXTENDED:
+        base, added = _EXTENDED[name]
+        least, most = PATTERNS[name]
+        given: tuple[object, ...] = (wanted,)
+        if least < len(args) <= most:
+            base, given = _inner(name, args[1])
+        words = (goal, *map(agentspeak, args[1:]))
+        return [*expanded(base, given, plans, read), *(read(text.format(*words)) for text in added)]
+    if name == "dg":
+        before = [read(f"+!{goal} : {goal}."), read(f"+!{goal} : .intend({goal}).")]
+        asking = [_asking(plan) if _is_for(plan, wanted) else plan for plan in plans]
+        return [*before, *asking, read(f"+{goal} <- .succeed_goal({goal}).")]
+    return _exclusive(wanted, plans, read)
 
 
 def kept(name: str, args: tuple[object, ...]) -> tuple[Literal, ...]:
     """Initial beliefs of a goal pattern: the goal that ``mg`` maintains."""
-    return (_Directive(name, args, (), lambda _: NotImplemented).goal,) if name == "mg" else ()
+    return (_goal(name, args),) if name == "mg" else ()
 
 
-def _declarative(pattern: _Directive) -> list[Plan]:
-    goal = agentspeak(pattern.goal)
-    plans = [_asking(plan) if _is_for(plan, pattern.goal) else plan for plan in pattern.plans]
-    before = pattern.add(f"+!{goal} : {goal}.", f"+!{goal} : .intend({goal}).")
-    return [*before, *plans, *pattern.add(f"+{goal} <- .succeed_goal({goal}).")]
+def _goal(name: str, args: tuple[object, ...]) -> Structure:
+    found = args[2] if name == "sga" else args[0]
+    if isinstance(found, Atom):
+        return literal(found.name)
+    if not isinstance(found, Structure):
+        raise RuleError(f"{name} expects a goal", remedy=f"write {name}(g), for example")
+    return found
 
 
-def _backtracking(pattern: _Directive) -> list[Plan]:
-    goal = agentspeak(pattern.goal)
-    return [*pattern.other("dg"), *pattern.add(f"-!{goal} <- !{goal}.")]
-
-
-def _exclusive(pattern: _Directive) -> list[Plan]:
-    goal, number, plans = agentspeak(pattern.goal), 0, []
-    for plan in pattern.plans:
-        if _is_for(plan, pattern.goal):
+def _exclusive(wanted: Structure, plans: tuple[Plan, ...], read: Read) -> list[Plan]:
+    """Return the plans of ``ebdg``: each of the plans for the goal is tried once."""
+    goal, number, tries = agentspeak(wanted), 0, []
+    for plan in plans:
+        if _is_for(plan, wanted):
             number += 1
-            tried = literal("p__f", (number, pattern.goal))
-            condition = Conjunction((Negation(tried), *plan.condition.terms))
-            plan = replace(plan, condition=condition)
+            tried = literal("p__f", (number, wanted))
+            plan = replace(plan, condition=Conjunction((Negation(tried), *plan.condition.terms)))
             plan = _asking(plan, Update("+", tried))
-        plans.append(plan)
-    others = pattern.add(
+        tries.append(plan)
+    after = (
         f"-!{goal} <- !{goal}.",
         f"+{goal} <- .abolish(p__f(_,{goal})); .succeed_goal({goal}).",
         f"-{goal} <- .abolish(p__f(_,{goal})).",
     )
-    return [*pattern.add(f"+!{goal} : {goal}."), *plans, *others]
+    return [read(f"+!{goal} : {goal}."), *tries, *map(read, after)]
 
 
-def _blind(pattern: _Directive) -> list[Plan]:
-    goal = agentspeak(pattern.goal)
-    return [*_inner(pattern, "bdg"), *pattern.add(f"+!{goal} <- !{goal}.")]
-
-
-def _maintained(pattern: _Directive) -> list[Plan]:
-    goal = agentspeak(pattern.goal)
-    return [*_inner(pattern, "bc"), *pattern.add(f"-{goal} <- !{goal}.")]
-
-
-def _single_minded(pattern: _Directive) -> list[Plan]:
-    goal, failure = map(agentspeak, (pattern.goal, pattern.args[1]))
-    return [*pattern.other("bc"), *pattern.add(f"+{failure} <- .fail_goal({goal}).")]
-
-
-def _relativised(pattern: _Directive) -> list[Plan]:
-    goal, motivation = map(agentspeak, (pattern.goal, pattern.args[1]))
-    return [*pattern.other("bc"), *pattern.add(f"-{motivation} <- .succeed_goal({goal}).")]
-
-
-def _open_minded(pattern: _Directive) -> list[Plan]:
-    goal, failure, motivation = map(agentspeak, (pattern.goal, *pattern.args[1:]))
-    added = pattern.add(f"+{failure} <- .drop_intention({goal}).", f"-{motivation} <- .succeed_goal({goal}).")
-    return [*pattern.other("bc"), *added]
-
-
-def _sequenced(pattern: _Directive) -> list[Plan]:
-    trigger, context = pattern.args[:2]
-    if not isinstance(trigger, str) or not isinstance(context, str):
-        raise RuleError("sga expects a trigger and a context as strings", remedy='write sga("+b(X)", "c(X)", g(X))')
-    goal = agentspeak(pattern.goal)
-    return pattern.add(
-        f"{trigger} : not f__l(_) & ({context}) <- !f__g({goal}).",
-        f"{trigger} : f__l(_) & ({context}) <- +f__l({goal}).",
-        f"+!f__g({goal}) <- +f__l({goal}); !{goal}; -f__l({goal}).",
-        f"-!f__g({goal}) <- -f__l({goal}).",
-        f"-f__l({goal}) : f__l({goal}) <- !f__g({goal}).",
-    )
-
-
-_EXPANSIONS: dict[str, Callable[[_Directive], list[Plan]]] = {
-    "dg": _declarative, "bdg": _backtracking, "ebdg": _exclusive, "bc": _blind, "smc": _single_minded,
-    "rc": _relativised, "omc": _open_minded, "mg": _maintained, "sga": _sequenced,
-}  # fmt: skip
-
-
-def _inner(pattern: _Directive, default: str) -> list[Plan]:
-    """Plans of the pattern that is the second argument, such as ``bc(g, ebdg(g))``."""
-    if len(pattern.args) == 1:
-        return pattern.other(default)
-    inner = pattern.args[1]
-    if not isinstance(inner, Literal) or inner.functor not in PATTERNS:
-        raise RuleError(f"{agentspeak(inner)} is not a goal pattern", remedy=f"write {pattern.name}(g, bdg(g))")
-    least, most = PATTERNS[inner.functor]
-    if not least <= len(inner.args) <= most:
+def _inner(name: str, pattern: object) -> tuple[str, tuple[object, ...]]:
+    """Return the name and the arguments of the pattern that is the second argument of another one."""
+    if not isinstance(pattern, Literal) or pattern.functor not in PATTERNS:
+        raise RuleError(f"{agentspeak(pattern)} is not a goal pattern", remedy=f"write {name}(g, bdg(g))")
+    least, most = PATTERNS[pattern.functor]
+    if not least <= len(pattern.args) <= most:
         raise RuleError(
-            f"the pattern {inner.functor} takes {least} to {most} arguments", remedy="see docs/semantics.md"
+            f"the pattern {pattern.functor} takes {least} to {most} arguments", remedy="see docs/semantics.md"
         )
-    return pattern.other(inner.functor, inner.args)
+    return pattern.functor, pattern.args
 
 
 def _is_for(plan: Plan, goal: Literal) -> bool:

@@ -171,10 +171,6 @@ JAVA = "java"
 """Mark of the state of `JavaRandom`."""
 
 
-JAVA = "java"
-"""Mark of the state of `JavaRandom`."""
-
-
 class JavaRandom(Random):
     """Random numbers of ``java.util.Random``."""
 
