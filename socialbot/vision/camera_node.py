@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 
 from socialbot.bags.image_files import SUFFIXES, check_video, read_image, too_many_pixels
+from socialbot.bags.reader import natural
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError
@@ -125,7 +125,7 @@ class _FolderFrames:
     rate_hz = _FOLDER_RATE_HZ
 
     def __init__(self, folder: Path) -> None:
-        self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_natural)
+        self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=natural)
         self._next = 0
         if not self._paths:
             raise DeviceError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
@@ -140,11 +140,6 @@ class _FolderFrames:
 
     def close(self) -> None:
         self._paths = self._paths[: self._next]
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
-    words = re.split(r"(\d+)", path.name)
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words], path.name
 
 
 _RETRY_S = 2.0

@@ -73,7 +73,7 @@ def _all_sequences(folder: Path) -> list[Path]:
         return [folder]
     below = [path for pattern in ("*", "*/*") for path in folder.glob(pattern) if path.is_dir() and is_sequence(path)]
     # The folder gt of a sequence looks like a sequence, too.
-    return sorted((path for path in below if path.parent not in below), key=lambda path: natural(path))
+    return sorted((path for path in below if path.parent not in below), key=natural)
 
 
 def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:

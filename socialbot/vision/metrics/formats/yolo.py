@@ -95,7 +95,7 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
     files: dict[str, dict[Path, Path | None]] = {}
     for part, places in parts.items():
         listed = dict.fromkeys(image for place in places for image in _images(place))
-        paths = sorted(listed, key=lambda path: natural(path))
+        paths = sorted(listed, key=natural)
         if paths:
             files[part] = {image: _label_file(image, labelled) for image in paths}
     if not files:
