@@ -227,6 +227,15 @@ def conjuncts(formula: Formula) -> Iterator[Formula]:
         yield formula
 
 
+def simple_effects(effects: Iterable[Effect]) -> Iterator[Add | Delete | NumericEffect]:
+    """Yield the effects that change one part of a state, also those inside of others."""
+    for effect in effects:
+        if isinstance(effect, UniversalEffect | ConditionalEffect):
+            yield from simple_effects(effect.effects)
+        else:
+            yield effect
+
+
 def number_text(value: float) -> str:
     """Return a number in PDDL: exact, without exponent."""
     text = repr(float(value))

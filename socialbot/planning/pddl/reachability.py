@@ -29,6 +29,7 @@ from socialbot.planning.pddl.formulas import (
     Predicate,
     UniversalEffect,
     conjuncts,
+    simple_effects,
 )
 from socialbot.planning.pddl.semantics import Binding, bindings, changes, fluents, ground, holds, substitute
 from socialbot.planning.pddl.state import PddlState
@@ -96,7 +97,7 @@ class _Relaxation:
         self.reached: dict[str, set[tuple[str, ...]]] = {}
         self._index: dict[tuple[str, int, str], set[tuple[str, ...]]] = {}
         effects = [effect.effect for action in domain.actions.values() for effect in action.effects]
-        changes = list(_elements([*effects, *(timed.effect for timed in problem.timed)]))
+        changes = list(simple_effects([*effects, *(timed.effect for timed in problem.timed)]))
         self._deleted = {effect.predicate.name for effect in changes if isinstance(effect, Delete)}
         self._changed = {effect.fluent.name for effect in changes if isinstance(effect, NumericEffect)}
         for predicate in problem.facts:
@@ -142,7 +143,7 @@ class _Relaxation:
     def _missing_for(self, wanted: Predicate, seen: list[str]) -> Predicate | None:
         """Return a condition that never holds of an action that would bring about ``wanted``."""
         for action in self.domain.actions.values():
-            for timed, effect in ((one, part) for one in action.effects for part in _elements((one.effect,))):
+            for timed, effect in ((one, part) for one in action.effects for part in simple_effects((one.effect,))):
                 binding = _unified(effect.predicate, wanted) if isinstance(effect, Add) else None
                 if binding is None:
                     continue
@@ -273,11 +274,3 @@ def _conditions(action: PddlAction, edge: _Edge) -> Iterator[Formula]:
     for condition in action.conditions:
         if edge == "end" or condition.when == "start":
             yield from conjuncts(condition.formula)
-
-
-def _elements(effects: Iterable[Effect]) -> Iterator[Effect]:
-    for effect in effects:
-        if isinstance(effect, UniversalEffect | ConditionalEffect):
-            yield from _elements(effect.effects)
-        else:
-            yield effect

@@ -33,6 +33,7 @@ from socialbot.planning.pddl.formulas import (
     Predicate,
     Quantified,
     UniversalEffect,
+    simple_effects,
 )
 from socialbot.planning.pddl.semantics import (
     TOLERANCE,
@@ -164,7 +165,9 @@ class ReadWriteAnalysis:
         self._domain = domain
         self._skip_settled = skip_settled
         effects = [one.effect for action in domain.actions.values() for one in action.effects]
-        self._changing = frozenset((*_changing((*effects, *(one.effect for one in timed))), *domain.derived))
+        changing = simple_effects((*effects, *(one.effect for one in timed)))
+        changed = {one.predicate.name for one in changing if not isinstance(one, NumericEffect)}
+        self._changing = frozenset((*changed, *domain.derived))
 
     def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
         """Return the read and write sets of the start or end of an action."""
@@ -275,16 +278,6 @@ class _StaticWorld:
 
     def objects(self, types: tuple[str, ...]) -> Iterable[str]:
         return self.state.objects(types)
-
-
-def _changing(effects: Iterable[Effect]) -> Iterator[str]:
-    """Yield the predicates that effects may change, by name."""
-    for effect in effects:
-        match effect:
-            case Add(predicate) | Delete(predicate):
-                yield predicate.name
-            case UniversalEffect(_, inside) | ConditionalEffect(_, inside):
-                yield from _changing(inside)
 
 
 DURATION_S = 0.001
