@@ -18,7 +18,7 @@ from socialbot.core.limits import JPEG_SCANS
 from socialbot.core.messages import CompressedImage
 from socialbot.vision.camera_node import open_frames
 from socialbot.vision.images import bgr_from_compressed
-from socialbot.vision.metrics.formats._labels import image_size
+from socialbot.vision.metrics.formats.yolo import image_size
 
 SIDE = 60_000  # 3.6 gigapixels
 

@@ -16,7 +16,8 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, ParameterError, TruthError
 from socialbot.vision.metrics.formats import FORMATS, labelled_sources, sniff
-from socialbot.vision.metrics.formats._labels import image_size, role_of
+from socialbot.vision.metrics.formats._labels import role_of
+from socialbot.vision.metrics.formats.yolo import image_size
 from socialbot.vision.metrics.frames import FolderImages
 from tests.bags.test_image_files import turned_jpeg
 from tests.vision.metrics.label_files import (

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-import struct
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from socialbot.bags.image_files import open_video, read_image, video_stamps
+from socialbot.bags.image_files import open_video, video_stamps
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, TruthError
@@ -291,6 +291,30 @@ class Labels:
             least_visible=0.0, format=format, identities=identities, category=category, notes=notes,
         )  # fmt: skip
 
+    def single_source(
+        self, name: str, format: str, found: Sequence[tuple[Key, str, Path, tuple[int, int] | None]]
+    ) -> LabelledSource:
+        """Make a source of independent images, given as keys, names, files and labelled sizes."""
+        images, stamps = single_images([path for _, _, path, _ in found])
+        rows = zip(found, stamps, strict=True)
+        entries = [Entry(key, shown, stamp, None, size) for (key, shown, _, size), stamp in rows]
+        return self.source(name, format, images, entries)
+
+    def tracked_source(
+        self,
+        name: str,
+        format: str,
+        images: ImageSequence,
+        numbered: Sequence[tuple[int, str, int]],
+        size: tuple[int, int] | None = None,
+    ) -> LabelledSource:
+        """Make a source of a recording of people with ids; its frames, the keys, are given with names and stamps."""
+        lost = {*self.persons, *self.regions} - {frame for frame, _, _ in numbered}
+        if lost:
+            self.notes.append(f"{len(lost)} labelled frames have no image")
+        entries = [Entry(frame, shown, stamp, frame + 1, size) for frame, shown, stamp in numbered]
+        return self.source(name, format, images, entries, identities=True)
+
 
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
@@ -388,12 +412,9 @@ def images_below(folder: Path, depth: int = DEEP) -> Iterator[Path]:
 
 
 def _shared_end(path: Path, parts: Sequence[str]) -> int:
-    count = 0
-    for mine, theirs in zip(reversed(path.parts[:-1]), reversed(parts[:-1]), strict=False):
-        if mine != theirs:
-            break
-        count += 1
-    return count
+    """Number of equal folders before the names of two files."""
+    pairs = zip(reversed(path.parts[:-1]), reversed(parts[:-1]), strict=False)
+    return len(list(itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)))
 
 
 def missing_images(missing: Sequence[str], total: int, where: Path, labels: Labels) -> None:
@@ -437,9 +458,8 @@ def labelled_images(labels: Labels, format: str, folder: Path) -> LabelledSource
     labelled = {str(key) for key in (*labels.persons, *labels.regions)}
     missing_images(sorted(labelled - files.keys()), len(labelled), folder, labels)
     labels.check_people(())
-    images, stamps = single_images(list(files.values()))
-    entries = [Entry(name, name, stamp) for name, stamp in zip(files, stamps, strict=True)]
-    return labels.source(folder.resolve().name, format, images, entries)
+    found = [(name, name, file, None) for name, file in files.items()]
+    return labels.single_source(folder.resolve().name, format, found)
 
 
 def recording(
@@ -501,41 +521,3 @@ def frames_of(paths: Sequence[Path], labels: Labels, first: int, step: int = 1) 
         if frames != written:
             labels.notes.append(f"image {paths[0].name} is taken for frame {frames[0]}")
     return frames
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image as it is shown, from its header where possible.
-
-    Raises:
-        ImageError: It cannot be read.
-    """
-    try:
-        with open_file(path) as file:
-            head = file.read(1 << 16)
-    except OSError as error:
-        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
-    # EXIF may turn the image.
-    size = None if b"exif" in head.lower() else _png_size(head) or _jpeg_size(head)
-    if size is None:
-        pixels = read_image(path)
-        size = pixels.shape[1], pixels.shape[0]
-    return size
-
-
-def _png_size(head: bytes) -> tuple[int, int] | None:
-    if head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR" or len(head) < 24:
-        return None
-    return struct.unpack(">II", head[16:24])
-
-
-def _jpeg_size(head: bytes) -> tuple[int, int] | None:
-    if head[:2] != b"\xff\xd8":
-        return None
-    at = 2
-    while at + 9 <= len(head) and head[at] == 0xFF:
-        marker, length = head[at + 1], int.from_bytes(head[at + 2 : at + 4], "big")
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", head[at + 5 : at + 9])
-            return (width, height) if width and height else None
-        at += 2 + length
-    return None

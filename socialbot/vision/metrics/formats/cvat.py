@@ -27,7 +27,6 @@ from socialbot.vision.metrics.formats._labels import (
     number_in,
     numbers,
     recording,
-    single_images,
     video,
 )
 from socialbot.vision.metrics.formats._xml import Element, at, attribute, read_xml, root_tag
@@ -81,11 +80,7 @@ def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSourc
         for shape in each:
             _add(labels, number, shape, shape.get("label") or "", "")
     missing_images(missing, len(listed), images or labels.path.parent, labels)
-    pictures, stamps = single_images([place for _, _, place, _ in found])
-    entries = [
-        Entry(number, name, stamp, None, size) for (number, name, _, size), stamp in zip(found, stamps, strict=True)
-    ]
-    return labels.source(_name(root, labels.path), "cvat", pictures, entries)
+    return labels.single_source(_name(root, labels.path), "cvat", found)
 
 
 def _frames(root: Element, labels: Labels, film: Path) -> LabelledSource:
@@ -120,12 +115,7 @@ def _video(root: Element, labels: Labels, images: Path | None) -> LabelledSource
         _interpolate(labels, shapes, name, id, _step(root))
     size = root.find("meta//original_size")
     labelled = None if size is None else labelled_size(size.findtext("width"), size.findtext("height"))
-    pictures, numbered = _sequence(root, labels, images)
-    entries = [Entry(frame, name, stamp, frame + 1, labelled) for frame, name, stamp in numbered]
-    lost = {*labels.persons, *labels.regions} - {frame for frame, _, _ in numbered}
-    if lost:
-        labels.notes.append(f"{len(lost)} labelled frames have no image")
-    return labels.source(_name(root, labels.path), "cvat", pictures, entries, identities=True)
+    return labels.tracked_source(_name(root, labels.path), "cvat", *_sequence(root, labels, images), labelled)
 
 
 def _interpolate(

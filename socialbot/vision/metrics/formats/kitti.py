@@ -14,7 +14,6 @@ from socialbot.bags.reader import natural
 from socialbot.core.errors import ImageError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
-    Entry,
     ImageFinder,
     Labels,
     fault,
@@ -27,7 +26,6 @@ from socialbot.vision.metrics.formats._labels import (
     numbers,
     recording,
     refuse_score,
-    single_images,
     text_files,
     unlabelled_images,
 )
@@ -71,10 +69,9 @@ def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = (
     there = {stem: image for stem, image in found.items() if image is not None}
     if path.is_dir():
         unlabelled_images(list(there.values()), "label file", labels)
-    pictures, stamps = single_images(list(there.values()))
-    entries = [Entry(stem, image.name, stamp) for (stem, image), stamp in zip(there.items(), stamps, strict=True)]
     base = folder.parent if folder.parent.name != "training" else folder.parent.parent
-    return [labels.source(base.resolve().name or "kitti", "kitti", pictures, entries)]
+    listed = [(stem, image.name, image, None) for stem, image in there.items()]
+    return [labels.single_source(base.resolve().name or "kitti", "kitti", listed)]
 
 
 def _is_tracking(files: Sequence[Path]) -> bool:
@@ -97,13 +94,8 @@ def _tracking(file: Path, place: Path, people: Sequence[str]) -> LabelledSource:
     paths = image_files(place)
     if not paths:
         raise ImageError("no images", where=str(place), remedy="name their folder with --images")
-    frames = frames_of(paths, labels, 0)
-    pictures, numbered = recording(paths, frames, RATE_HZ)
-    entries = [Entry(frame, name, stamp, frame + 1) for frame, name, stamp in numbered]
-    lost = {key for key in (*labels.persons, *labels.regions) if key not in set(frames)}
-    if lost:
-        labels.notes.append(f"{len(lost)} labelled frames have no image")
-    return labels.source(file.stem, "kitti", pictures, entries, identities=True)
+    pictures, numbered = recording(paths, frames_of(paths, labels, 0), RATE_HZ)
+    return labels.tracked_source(file.stem, "kitti", pictures, numbered)
 
 
 def _add(labels: Labels, key: int | str, words: Sequence[str], where: str, id: str) -> None:

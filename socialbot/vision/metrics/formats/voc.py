@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 from socialbot.bags.reader import natural
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
-    Entry,
     ImageFinder,
     Labels,
     fault,
@@ -18,7 +17,6 @@ from socialbot.vision.metrics.formats._labels import (
     missing_images,
     numbers,
     role_of,
-    single_images,
     unlabelled_images,
 )
 from socialbot.vision.metrics.formats._xml import at, read_xml, root_tag
@@ -64,15 +62,11 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
         for number, thing in enumerate(root.findall("object")):
             _add(labels, file, thing, number)
     missing_images(missing, len(files), roots[0], labels)
-    pictures, stamps = single_images([image for image, _ in found.values()])
-    entries = [
-        Entry(key, image.name, stamp, None, size)
-        for (key, (image, size)), stamp in zip(found.items(), stamps, strict=True)
-    ]
     if path.is_dir():
         unlabelled_images([image for image, _ in found.values()], "XML file", labels)
     part = f"/{folder.name}" if folder.parent.name.lower() == "annotations" and folder.name != "xmls" else ""
-    return [labels.source(base.resolve().name + part, "voc", pictures, entries)]
+    listed = [(key, image.name, image, size) for key, (image, size) in found.items()]
+    return [labels.single_source(base.resolve().name + part, "voc", listed)]
 
 
 def _add(labels: Labels, file: Path, thing: ElementTree.Element, number: int) -> None:

@@ -6,6 +6,7 @@ names are in data.yaml, classes.txt or a .names file. An image without a file, o
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from socialbot.bags.image_files import read_image
 from socialbot.bags.reader import natural
 from socialbot.core.errors import ImageError
 from socialbot.core.reading import open_file
@@ -21,19 +23,16 @@ from socialbot.core.yaml import load_yaml
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     IMAGE_SUFFIXES,
-    Entry,
     Labels,
     fault,
     first_line,
     image_files,
-    image_size,
     images_below,
     is_number,
     lines_of,
     numbers,
     read_text,
     refuse_score,
-    single_images,
     text_files,
 )
 from socialbot.vision.metrics.frames import Box, LabelledSource
@@ -131,11 +130,9 @@ def _source(
     first = "0" if people else "person"
     if not names and not people:
         labels.notes.append("no data.yaml and no classes.txt: class 0 is taken for people")
-    entries, unlabelled = [], 0
-    pictures, stamps = single_images(list(files))
-    for (path, file), stamp in zip(files.items(), stamps, strict=True):
+    unlabelled = 0
+    for path, file in files.items():
         size = image_size(path)
-        entries.append(Entry(str(path), path.name, stamp))
         if file is None:
             unlabelled += 1
             continue
@@ -151,7 +148,7 @@ def _source(
     if unlabelled:
         labels.notes.append(f"{unlabelled} of {len(files)} images have no label file: they show nobody")
     labels.check_people(names.values())
-    return labels.source(name, "yolo", pictures, entries)
+    return labels.single_source(name, "yolo", [(str(path), path.name, path, None) for path in files])
 
 
 def _box(words: Sequence[str], size: tuple[int, int], keypoints: int, where: str) -> Box:
@@ -272,6 +269,44 @@ def _is_labels(path: Path) -> bool:
     line = first_line(path)
     words = line.split()
     return "," not in line and len(words) >= 5 and all(map(is_number, words))
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image as it is shown, from its header where possible.
+
+    Raises:
+        ImageError: It cannot be read.
+    """
+    try:
+        with open_file(path) as file:
+            head = file.read(1 << 16)
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    # EXIF may turn the image.
+    size = None if b"exif" in head.lower() else _png_size(head) or _jpeg_size(head)
+    if size is None:
+        pixels = read_image(path)
+        size = pixels.shape[1], pixels.shape[0]
+    return size
+
+
+def _png_size(head: bytes) -> tuple[int, int] | None:
+    if head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR" or len(head) < 24:
+        return None
+    return struct.unpack(">II", head[16:24])
+
+
+def _jpeg_size(head: bytes) -> tuple[int, int] | None:
+    if head[:2] != b"\xff\xd8":
+        return None
+    at = 2
+    while at + 9 <= len(head) and head[at] == 0xFF:
+        marker, length = head[at + 1], int.from_bytes(head[at + 2 : at + 4], "big")
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", head[at + 5 : at + 9])
+            return (width, height) if width and height else None
+        at += 2 + length
+    return None
 
 
 YOLO = LabelFormat(
