@@ -14,9 +14,9 @@ from dataclasses import fields, is_dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
-from socialbot.planning.pddl._parser import SexpGroup, Sexpression, SexpWord, read_sexpression
+from socialbot.planning.pddl._parser import SexpGroup, SexpWord, read_sexpression
 from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem, PlanStep
-from socialbot.planning.pddl.formulas import Fluent, Key, Predicate, TypedName, conjuncts
+from socialbot.planning.pddl.formulas import Fluent, Key, Not, Predicate, TypedName, conjuncts, typed_text
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.pddl.semantics import GroundAction
 from socialbot.planning.pddl.state import PddlState
@@ -129,7 +129,7 @@ def _restricted_text(
     conditions: dict[str, list[Predicate]],
     signatures: dict[str, tuple[TypedName, ...]],
 ) -> str:
-    declared = tuple(_group(mark, *_typed(parameters)) for mark, parameters in signatures.items())
+    declared = tuple(_written(f"({mark} {typed_text(parameters)})") for mark, parameters in signatures.items())
     whole, items = read_sexpression(domain.text, where=domain.where or domain.name), []
     is_declared = False
     for item in whole.items:
@@ -138,7 +138,7 @@ def _restricted_text(
         if name in left_out:
             continue
         if isinstance(item, SexpGroup) and head == ":requirements":
-            item = SexpGroup((*item.items, _word(":negative-preconditions")), item.line)
+            item = SexpGroup((*item.items, _written(":negative-preconditions")), item.line)
         elif isinstance(item, SexpGroup) and head == ":predicates" and not is_declared:
             item, is_declared = SexpGroup((*item.items, *declared), item.line), True
         elif isinstance(item, SexpGroup) and name in conditions:
@@ -146,38 +146,26 @@ def _restricted_text(
         items.append(item)
     if not is_declared:
         place = next(n for n, item in enumerate(items) if isinstance(item, SexpGroup) and item.head in _CONDITION)
-        items.insert(place, _group(":predicates", *declared))
+        items.insert(place, SexpGroup((_written(":predicates"), *declared), whole.line))
     return str(SexpGroup(tuple(items), whole.line))
 
 
 def _with_conditions(action: SexpGroup, unavailable: list[Predicate]) -> SexpGroup:
     """Return an action with the condition that its objects are available."""
     keyword = _CONDITION[action.head]
-    needed: list[Sexpression] = [_group("not", _group(one.name, *one.terms)) for one in dict.fromkeys(unavailable)]
+    needed = [str(Not(one)) for one in dict.fromkeys(unavailable)]
     if keyword == ":condition":
-        needed = [_group("at", "start", one) for one in needed]
-    items = list(action.items)
-    words = [str(item) for item in items]
+        needed = [f"(at start {one})" for one in needed]
+    words = [str(item) for item in action.items]
     if keyword not in words:
-        items[2:2] = [_word(keyword), _group()]
         words[2:2] = [keyword, "()"]
     place = words.index(keyword) + 1
-    old = items[place]
-    items[place] = _group("and", *((old,) if isinstance(old, SexpGroup) and old.items else ()), *needed)
-    return SexpGroup(tuple(items), action.line)
+    words[place] = f"(and {' '.join([words[place].removeprefix('()'), *needed]).strip()})"
+    return SexpGroup(tuple(map(_written, words)), action.line)
 
 
-def _typed(parameters: Sequence[Any]) -> Iterator[Sexpression | str]:
-    for typed in parameters:
-        kinds = typed.types
-        yield from (typed.name, "-", kinds[0] if len(kinds) == 1 else _group("either", *kinds))
-
-
-def _group(*items: Sexpression | str) -> SexpGroup:
-    return SexpGroup(tuple(_word(item) if isinstance(item, str) else item for item in items), 0)
-
-
-def _word(text: str) -> SexpWord:
+def _written(text: str) -> SexpWord:
+    """Return PDDL to be printed as it is."""
     return SexpWord(text, 0)
 
 
