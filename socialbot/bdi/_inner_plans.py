@@ -91,12 +91,11 @@ def _flattened(
     known = sorted((plan.event.literal.names() | plan.condition.names()) - {"_"})
     mark = literal(next(names), tuple(map(Variable, known)))
     if plan.inner:
-        events = frozenset(_kind(each) + each.event.literal.key for each in plan.inner)
-        heads = {
-            key: [_args(each) for each in plan.inner if _kind(each) + each.event.literal.key == key] for key in events
-        }
-        watched = tuple((key, _common(heads[key], set(known))) for key in sorted(events) if key[0] in "+-")
-        around = (_Around(mark, events), *around)
+        heads: dict[str, list[tuple[object, ...]]] = {}
+        for each in plan.inner:
+            heads.setdefault(_kind(each) + each.event.literal.key, []).append(each.event.literal.args)
+        watched = tuple((key, _common(heads[key], set(known))) for key in sorted(heads) if key[0] in "+-")
+        around = (_Around(mark, frozenset(heads)), *around)
         inner = tuple(_marked_trigger(each, mark) for each in plan.inner)
     body = tuple(_marked(step, around) for step in plan.body)
     if watched or plan.until is not None:
@@ -104,10 +103,6 @@ def _flattened(
     yield depth, replace(plan, body=body, inner=(), until=None, stepwise=stepwise)
     for each in reversed(inner):
         yield from _flattened(each, around, names, stepwise)
-
-
-def _args(plan: Plan) -> tuple[object, ...]:
-    return plan.event.literal.args
 
 
 def _common(heads: list[tuple[object, ...]], known: set[str]) -> tuple[object, ...]:

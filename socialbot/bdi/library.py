@@ -96,12 +96,8 @@ class CompiledPlan:
 
         for name in names or ("run",):
             if isinstance(getattr(self, name), functools.partial):
-                probe = name == "probe"
-                setattr(
-                    self,
-                    name,
-                    compile_probe(self) if probe else compile_plan(self, mode=ANY_MODE if name == "run_open" else 0),
-                )
+                mode = ANY_MODE if name == "run_open" else 0
+                setattr(self, name, compile_probe(self) if name == "probe" else compile_plan(self, mode=mode))
 
     def _compile_and_run(self, name: str, *args: Any) -> Any:
         self.compile(name)
@@ -334,15 +330,13 @@ class Library:
         if plan in self.general:
             for special in self.general.pop(plan):
                 self.remove(special)
-            self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
-            self._numbers.pop(plan, None)
-            return True
-        trigger = self.triggers.get(plan.event.key)
-        kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
-        if trigger is None or len(kept) == len(trigger.plans):
-            return False
-        trigger.plans = kept
-        trigger.index()
+        else:
+            trigger = self.triggers.get(plan.event.key)
+            kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
+            if trigger is None or len(kept) == len(trigger.plans):
+                return False
+            trigger.plans = kept
+            trigger.index()
         self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
         self._numbers.pop(plan, None)
         return True

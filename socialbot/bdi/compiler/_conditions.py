@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 
 from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, stored
@@ -377,13 +377,6 @@ def all_of(f: Function, condition: Condition, template: object) -> str | None:
     return None if position is None else f"tuple([f[{position}] for f in {lookup.newest_first()}])"
 
 
-def _stored_in(f: Function, expression: str) -> str:
-    """Emit the evaluation of an expression; return the local with its value."""
-    found = f.unit.name("l")
-    f.line(f"{found} = {expression}")
-    return found
-
-
 def collected_goal(action: Literal) -> Condition:
     """Return the condition of ``.findall``, ``.setof``, ``.count`` or ``.eval``. Raises RuleError for a wrong call."""
     goal = action.args[-2] if len(action.args) == (2 if action.functor in (".count", ".eval") else 3) else None
@@ -399,87 +392,81 @@ def collected_goal(action: Literal) -> Condition:
 
 
 def collected(f: Function, action: Literal) -> str:
-    """Return the expression of all solutions of the condition in an action, or of their count."""
-    counts, tests = action.functor == ".count", action.functor == ".eval"
-    if not tests:
-        every = all_of(f, collected_goal(action), None if counts else action.args[0])
-        if every is not None:
-            return _stored_in(f, f"tuple(sorted(set({every}), key=order))" if action.functor == ".setof" else every)
-    name, arguments, _ = query(f, collected_goal(action), None if counts or tests else action.args[0])
+    """Emit the search for all solutions of the condition in an action; return the local with them, or their count."""
+    counts, tests, sorts = (action.functor == name for name in (".count", ".eval", ".setof"))
+    goal, template = collected_goal(action), None if counts or tests else action.args[0]
+    every = None if tests else all_of(f, goal, template)
+    if every is None:
+        name, arguments, _ = query(f, goal, template)
+        every = f"{name}({arguments})"
+        if tests:
+            true, false = f.unit.constant(Atom("true")), f.unit.constant(Atom("false"))
+            every = f"{true} if holds({every}, trail) else {false}"
+        elif counts:
+            every = f"sum(1 for _ in {every})"
+        elif not sorts:
+            every = f"tuple({every})"
     found = f.unit.name("l")
-    if tests:
-        true, false = f.unit.constant(Atom("true")), f.unit.constant(Atom("false"))
-        f.line(f"{found} = {true} if holds({name}({arguments}), trail) else {false}")
-        return found
-    if counts:
-        f.line(f"{found} = sum(1 for _ in {name}({arguments}))")
-    elif action.functor == ".setof":
-        f.line(f"{found} = tuple(sorted(set({name}({arguments})), key=order))")
-    else:
-        f.line(f"{found} = tuple({name}({arguments}))")
+    f.line(f"{found} = tuple(sorted(set({every}), key=order))" if sorts else f"{found} = {every}")
     return found
 
 
 # Dependencies
 
 
+class _DependsOnMoreError(Exception):
+    """The truth of a condition also depends on other things than beliefs, such as the time."""
+
+
 def beliefs_in(part: object) -> list[Literal] | None:
     """Beliefs in a condition or term; None if its truth also depends on other things, such as the time."""
-    if isinstance(part, Negation):
-        return beliefs_in(part.condition)
-    if isinstance(part, (Conjunction, Disjunction)):
-        return _beliefs_in_all(part.terms)
-    if isinstance(part, Comparison):
-        return _beliefs_in_terms((part.left, part.right))
-    if isinstance(part, Truth):
-        return []
-    if not isinstance(part, Literal):
+    try:
+        return list(_beliefs_in(part))
+    except _DependsOnMoreError:
         return None
-    if "." not in part.functor:
-        below = _beliefs_in_terms((*part.args, *part.annotations))
-        return None if below is None else [part, *below]
-    if part.functor in COLLECTORS:
-        below, others = beliefs_in(collected_goal(part)), _beliefs_in_terms(part.args)
-        return None if below is None or others is None else below + others
-    return _beliefs_in_terms(part.args) if part.functor in _PURE else None
 
 
-def _beliefs_in_all(parts: Iterable[object]) -> list[Literal] | None:
-    found: list[Literal] = []
-    for part in parts:
-        below = beliefs_in(part)
-        if below is None:
-            return None
-        found += below
-    return found
+def _beliefs_in(part: object) -> Iterator[Literal]:
+    if isinstance(part, Negation):
+        yield from _beliefs_in(part.condition)
+    elif isinstance(part, (Conjunction, Disjunction)):
+        for each in part.terms:
+            yield from _beliefs_in(each)
+    elif isinstance(part, Comparison):
+        yield from _beliefs_in_terms((part.left, part.right))
+    elif isinstance(part, Literal) and "." not in part.functor:
+        yield part
+        yield from _beliefs_in_terms((*part.args, *part.annotations))
+    elif isinstance(part, Literal) and part.functor in COLLECTORS:
+        yield from _beliefs_in(collected_goal(part))
+        yield from _beliefs_in_terms(part.args)
+    elif isinstance(part, Literal) and part.functor in _PURE:
+        yield from _beliefs_in_terms(part.args)
+    elif not isinstance(part, Truth):
+        raise _DependsOnMoreError
 
 
-def _beliefs_in_terms(terms: Iterable[object]) -> list[Literal] | None:
+def _beliefs_in_terms(terms: Iterable[object]) -> Iterator[Literal]:
     """Beliefs in the function calls of terms."""
-    found: list[Literal] = []
     for term in terms:
-        below: list[Literal] | None = []
         if isinstance(term, Aggregate):
-            inner, others = beliefs_in(term.condition), _beliefs_in_terms((term.template,))
-            below = None if inner is None or others is None else inner + others
-        elif isinstance(term, Computation):
-            below = None  # like a function as a condition
+            yield from _beliefs_in(term.condition)
+            yield from _beliefs_in_terms((term.template,))
         elif isinstance(term, Call) and term.function == ".count":
-            below = _beliefs_in_all(term.args)
+            for each in term.args:
+                yield from _beliefs_in(each)
+        elif isinstance(term, Computation) or (isinstance(term, Call) and term.function in _IMPURE):
+            raise _DependsOnMoreError
         elif isinstance(term, Call):
-            below = None if term.function in _IMPURE else _beliefs_in_terms(term.args)
+            yield from _beliefs_in_terms(term.args)
         elif isinstance(term, Expression):
-            below = _beliefs_in_terms((term.left, term.right))
+            yield from _beliefs_in_terms((term.left, term.right))
         elif isinstance(term, Cons):
-            below = _beliefs_in_terms((*term.items, term.tail))
+            yield from _beliefs_in_terms((*term.items, term.tail))
         elif isinstance(term, tuple):
-            below = _beliefs_in_terms(term)
+            yield from _beliefs_in_terms(term)
         elif isinstance(term, Literal):
-            below = _beliefs_in_terms((*term.args, *term.annotations))
-        if below is None:
-            return None
-        found += below
-    return found
+            yield from _beliefs_in_terms((*term.args, *term.annotations))
 
 
 def dependencies(f: Function, condition: Condition, known: Scope) -> str:

@@ -92,10 +92,6 @@ def _deviation(numbers: Any) -> float:
     return math.sqrt(sum((number - mean) ** 2 for number in numbers) / (len(numbers) - 1))
 
 
-def _median(numbers: Any) -> float:
-    return statistics.median(numbers)
-
-
 _NUMBERS = frozenset({int, float})
 
 
@@ -114,7 +110,8 @@ def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 _STATISTICS = {
-    "max": max, "min": min, "sum": sum, "average": _average, "mean": _average, "median": _median, "std_dev": _deviation,
+    "max": max, "min": min, "sum": sum, "average": _average, "mean": _average, "median": statistics.median,
+    "std_dev": _deviation,
 }  # fmt: skip
 _MATH = ("floor", "ceil", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "log", "exp")
 
@@ -475,27 +472,20 @@ def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: 
     return ag.trace.record("plan", event, cause, **detail)
 
 
+_SHARED: tuple[Any, ...] = (
+    Cons, Event, EventPause, Failed, ForkPause, KnownSource, Literal, LiteralVariable, Rest, ScopePause,
+    SpecialBody, TimedRequest, Var, act, add_belief, adopt_later, aggregate, annotations_match, await_condition,
+    by_order, change_rule, chosen, closed, computed_by_rule, cons, distinct, div, failure_of, first_source,
+    goal_of, holds, internal, joined, known, limited, literal, literal_with, mod, open_goal, order, ordered,
+    outcome, pause_until, perform, plain, power, product, question, question_of, record_action, remove_belief,
+    renew, resolve, run_value, same, solutions_of, source_notes, spread, substituted, template, timed, told_by,
+    undo, unify, univ, update_of,
+)  # fmt: skip
 NAMES: dict[str, Any] = {
-    "ANY": Var(), "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed,
-    "ForkPause": ForkPause, "KnownSource": KnownSource, "ScopePause": ScopePause, "Literal": Literal,
-    "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
-    "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
-    "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
-    "by_order": by_order,
-    "chosen": chosen, "closed": closed, "cons": cons, "distinct": distinct, "div": div, "failure_of": failure_of,
-    "first_source": first_source, "goal_of": goal_of,
-    "holds": holds, "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod,
-    "joined": joined, "product": product,
-    "open_goal": open_goal, "order": order, "outcome": outcome, "perform": perform, "plain": plain,
-    "power": power,
-    "question": question, "question_of": question_of, "record_action": record_action, "renew": renew,
-    "resolve": resolve, "same": same,
-    "timed": timed, "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
-    "update_of": update_of,
-    "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,
-    "literal_with": literal_with, "ordered": ordered,
-    "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
-    "add_belief": add_belief, "remove_belief": remove_belief,
-    "spread": spread, "substituted": substituted, "template": template,
-}  # fmt: skip
+    "ANY": Var(),
+    "DONE": DONE,
+    "ONCE": (None,),
+    "SELF": SELF,
+    **{each.__name__: each for each in _SHARED},
+}
 """Global names of generated code."""

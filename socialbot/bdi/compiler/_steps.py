@@ -143,15 +143,14 @@ def await_(f: Function, step: Await, limit_s: object = None, elapsed: object = N
         )
     timed = "{}" if elapsed is None else f"timed({{}}, {build(f, elapsed)})"
     limit = "None" if step.limit_s is None else value(f, step.limit_s)
-    if isinstance(step.what, Event) and not isinstance(step.what.literal, Literal):
-        change = f.unit.constant(step.what.change)
-        pause = f"pause_until({change}, {build(f, step.what.literal)}, {limit})"
-        f.line(f"yield {limited(f, timed.format(pause), limit_s)}", step)
-        refresh(f, names_in(step.what.literal))
-    elif isinstance(step.what, Event):
+    if isinstance(step.what, Event):
         literal = step.what.literal
-        args, notes = build(f, literal.args), build(f, literal.annotations)
-        pause = f"EventPause({step.what.key!r}, {args}, {notes}, {limit})"
+        if isinstance(literal, Literal):
+            args, notes = build(f, literal.args), build(f, literal.annotations)
+            pause = f"EventPause({step.what.key!r}, {args}, {notes}, {limit})"
+        else:
+            change = f.unit.constant(step.what.change)
+            pause = f"pause_until({change}, {build(f, literal)}, {limit})"
         f.line(f"yield {limited(f, timed.format(pause), limit_s)}", step)
         refresh(f, names_in(literal))
     else:
