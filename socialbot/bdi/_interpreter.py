@@ -9,11 +9,10 @@ from collections import deque
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._annotations import Annotations
 from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi._messaging import TOLD, Message, Messaging
-from socialbot.bdi._relations import Args, Relation
+from socialbot.bdi._relations import Annotations, Args, Relation
 from socialbot.bdi.belief_base import BeliefBase
 from socialbot.bdi.intentions import (
     DONE,

@@ -13,9 +13,8 @@ from socialbot.bdi.terms import NOTHING, Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
-    from socialbot.bdi._annotations import Annotations
     from socialbot.bdi._interpreter import Interpreter
-    from socialbot.bdi._relations import Args, Relation
+    from socialbot.bdi._relations import Annotations, Args, Relation
 
 
 def add_belief(ag: Interpreter, sign: str, key: str, args: Args, notes: Annotations, cause: Any) -> Any:

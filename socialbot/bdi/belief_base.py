@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._annotations import Annotations, AnnotationSet, is_source_of
 from socialbot.bdi._hold_timers import HoldTimer
-from socialbot.bdi._relations import Args, Fact, Relation, Watcher
+from socialbot.bdi._relations import Annotations, AnnotationSet, Args, Fact, Relation, Watcher, is_source_of
 from socialbot.bdi._rule_checks import mismatch
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library

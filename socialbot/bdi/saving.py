@@ -25,10 +25,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from socialbot.bdi._annotations import Annotations
 from socialbot.bdi._explain import later_request
 from socialbot.bdi._hold_timers import HoldTimer
-from socialbot.bdi._relations import Args, Fact, Relation
+from socialbot.bdi._relations import Annotations, Args, Fact, Relation
 from socialbot.bdi.intentions import EVENT, Intention, Request, subgoal
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal, source_notes
