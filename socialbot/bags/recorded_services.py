@@ -7,6 +7,7 @@ order, and results have no content.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -100,11 +101,7 @@ def recorded_services(bag: Bag, graph: Graph) -> dict[str, Callable[[Clock, Call
         for topic, port in config.clients:
             if topic not in offered and recorded_topic(port, topic) in filled:
                 found[topic] = _goals(bag, topic, filled) if port.interface.is_action else _exchanges(bag, topic)
-
-    def factory(topic: str, calls: Sequence[RecordedCall]) -> Callable[[Clock, CallAt], RecordedChannel]:
-        return lambda clock, call_at: RecordedChannel(topic, calls, clock, call_at)
-
-    return {topic: factory(topic, calls) for topic, calls in found.items()}
+    return {topic: functools.partial(RecordedChannel, topic, calls) for topic, calls in found.items()}
 
 
 def _messages(bag: Bag, *topics: str) -> Iterator[tuple[str, RosMessage]]:
