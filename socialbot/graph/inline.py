@@ -5,21 +5,21 @@ The output is deterministic, byte for byte: no wall clock, no threads, no droppe
 
 from __future__ import annotations
 
+import copy
 import functools
 import heapq
 import itertools
 import logging
 import queue
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message
-from socialbot.graph._local_services import LocalChannel, LocalServices
-from socialbot.graph.calls import Channel
+from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome, PendingCall
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
 from socialbot.graph.node import (
     Graph,
@@ -33,7 +33,7 @@ from socialbot.graph.node import (
     start_failure,
 )
 from socialbot.graph.ports import EVERYBODY, Delivery, Input, Output
-from socialbot.graph.services import ClientPort
+from socialbot.graph.services import ActionServer, ClientPort, ServerPort, Service
 
 log = logging.getLogger("socialbot.graph.inline")
 
@@ -113,7 +113,7 @@ class _Context:
         due = self.health_monitor.due()
         if due is not None and (self._next_check is None or due < self._next_check):
             self._next_check = due
-            self._runner.schedule(due, functools.partial(self._watch_again, due))
+            self._runner.call_at(due, functools.partial(self._watch_again, due))
 
     def _watch_again(self, due: int) -> None:
         if self.alive and due == self._next_check:
@@ -123,7 +123,7 @@ class _Context:
     def _call_beat(self, time: int, beat: Callable[[], None]) -> None:
         # Without a listener the node publishes no heartbeats.
         if self.alive and not self._runner.heard.isdisjoint(self._health_topics):
-            self._runner.schedule(time, beat)
+            self._runner.call_at(time, beat)
 
     def _publish_health(self, health: Health, to_all: bool) -> None:
         # The first topic is that of all nodes.
@@ -274,10 +274,6 @@ class InlineRunner:
         Timers with equal times fire in order of creation, those of simulators ``last``, as `run` feeds a bag after
         timers.
         """
-        return self.schedule(time, callback, last=last)
-
-    def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> Timer:
-        """Schedule a timer of the runner; see `call_at`."""
         timer = Timer(callback)
         heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
         return timer
@@ -373,3 +369,160 @@ def _start(node: Node) -> None:
         node.start()
     except Exception as error:
         raise start_failure(node.name, error) from error
+
+
+# Services and actions between nodes, in a fixed order
+
+
+class LocalServices:
+    """Servers of the nodes of ``runner``, the calls in progress, and those that wait for a server to start."""
+
+    def __init__(self, runner: InlineRunner) -> None:
+        self._runner = runner
+        self._servers: dict[str, tuple[str, ServerPort]] = {}
+        self._open: list[_LocalCall] = []
+        self._clients: dict[str, list[tuple[str, ClientPort]]] = {}
+
+    def begin(self, name: str, clients: Sequence[tuple[str, ClientPort]]) -> None:
+        """Notify a node of servers that are absent after `SERVER_WAIT_S`, and from then on of changes."""
+        self._clients[name] = [(topic, port) for topic, port in clients if not port.optional]
+        if self._clients[name]:
+            time = self._runner.clock.now() + nanoseconds(SERVER_WAIT_S)
+            self._runner.call_at(time, functools.partial(self._note, name))
+
+    def _note(self, name: str) -> None:
+        context = self._runner.context_of(name)
+        if context is not None:
+            for topic, port in self._clients.get(name, ()):
+                server, _ = self._servers.get(topic, ("", None))
+                there = topic in self._runner.recorded or self._runner.context_of(server) is not None
+                note = functools.partial(context.health_monitor.note_server, port, topic, present=there)
+                self._runner.attempt(context, note)
+
+    def offer(self, topic: str, node: str, port: ServerPort) -> None:
+        self._servers[topic] = node, port
+
+    def on_kill(self, name: str) -> None:
+        """End the calls that the node works on."""
+        for call in [each for each in self._open if each.server == name]:
+            self.close(call)
+            call.report(call.call.end, "lost")
+        for client in self._clients:
+            self._note(client)
+
+    def on_start(self, name: str) -> None:
+        """Send the calls that wait for the node."""
+        for call in [each for each in self._open if not each.server]:
+            if self._servers.get(call.call.topic, ("", None))[0] == name:
+                self._send(call)
+        for client in self._clients:
+            self._note(client)
+
+    def open(self, call: _LocalCall) -> None:
+        """Send a call, or keep it until its server starts."""
+        self._open.append(call)
+        name, _ = self._servers.get(call.call.topic, ("", None))
+        if self._runner.context_of(name) is not None:
+            self._send(call)
+
+    def close(self, call: _LocalCall) -> None:
+        if call in self._open:
+            self._open.remove(call)
+
+    def post(self, name: str, callback: Callable[..., None], *arguments: Any) -> None:
+        """Call into the node ``name`` after the present callback, if it is still alive then."""
+        self._runner.posted.put(functools.partial(self._attempt, name, callback, *arguments))
+
+    def _attempt(self, name: str, callback: Callable[..., None], *arguments: Any) -> None:
+        context = self._runner.context_of(name)
+        if context is not None:
+            self._runner.guard(context, callback, *arguments)
+
+    def _send(self, call: _LocalCall) -> None:
+        name, port = self._servers[call.call.topic]
+        call.server = name
+        call.report(call.call.on_sent)
+        serve = self._answer if isinstance(port, Service) else self._start
+        self.post(name, serve, call, port)
+
+    def _answer(self, call: _LocalCall, port: Service) -> None:
+        if call.call.result is None:
+            response = port.answer(self._runner.nodes[call.server], copy.deepcopy(call.call.message))
+            self.close(call)
+            call.report(call.call.end, "succeeded", response)
+
+    def _start(self, call: _LocalCall, port: ActionServer) -> None:
+        if call.call.result is not None:
+            return
+        goal = call.goal = GoalHandle(port.interface, copy.deepcopy(call.call.message), call)
+        try:
+            port.start(self._runner.nodes[call.server], goal)
+        finally:
+            if goal.rejected:
+                self.close(call)
+                call.report(call.call.end, "rejected")
+            else:
+                call.accept()
+
+    def cancel(self, call: _LocalCall) -> None:
+        goal, (_, port) = call.goal, self._servers.get(call.call.topic, ("", None))
+        if goal is None or not isinstance(port, ActionServer):
+            self.close(call)
+        else:
+            self.post(call.server, lambda: port.cancel(self._runner.nodes[call.server], goal))
+
+
+class LocalChannel:
+    """`Channel` of a client to a node of the same runner."""
+
+    def __init__(self, services: LocalServices, context: _Context, topic: str) -> None:
+        self.topic = topic
+        self._services = services
+        self._client = context.name
+        self._calls: dict[PendingCall, _LocalCall] = {}
+
+    def send(self, call: PendingCall) -> None:
+        self._calls = {each: local for each, local in self._calls.items() if each.result is None}
+        local = self._calls[call] = _LocalCall(self._services, self._client, call)
+        self._services.post(self._client, self._services.open, local)
+
+    def cancel(self, call: PendingCall) -> None:
+        if call in self._calls:
+            self._services.cancel(self._calls[call])
+
+
+@dataclass(eq=False)
+class _LocalCall:
+    """Call from one node to another, and `GoalChannel` of its goal."""
+
+    services: LocalServices
+    client: str
+    call: PendingCall
+    server: str = ""
+    goal: GoalHandle | None = None
+    accepted: bool = False
+    early: list[Callable[[], None]] = field(default_factory=list)
+    """Reports of the server before it has accepted the goal."""
+
+    def report(self, callback: Callable[..., None], *arguments: Any) -> None:
+        self.services.post(self.client, callback, *arguments)
+
+    def accept(self) -> None:
+        self.accepted = True
+        self.report(self.call.on_accepted)
+        for report in self.early:
+            report()
+        self.early.clear()
+
+    def feedback(self, message: Any) -> None:
+        self._when_accepted(functools.partial(self.report, self.call.on_feedback, copy.deepcopy(message)))
+
+    def end(self, outcome: Outcome, result: Any) -> None:
+        self.services.close(self)
+        self._when_accepted(functools.partial(self.report, self.call.end, outcome, copy.deepcopy(result)))
+
+    def _when_accepted(self, report: Callable[[], None]) -> None:
+        if self.accepted:
+            report()
+        else:
+            self.early.append(report)

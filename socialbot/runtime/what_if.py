@@ -108,7 +108,7 @@ class _Changer:
         """Whether a node that looks at images is changed, so that the cache does not serve."""
 
     def prepare(self, runner: InlineRunner) -> None:
-        runner.schedule(self._stamp, lambda: self._change(runner))
+        runner.call_at(self._stamp, lambda: self._change(runner))
 
     def observe(self, topic: str, message: Any) -> None:
         if isinstance(message, TraceRecord) and message.kind == "refused" and message.cause.startswith("what-if-"):
