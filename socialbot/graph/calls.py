@@ -78,17 +78,13 @@ def installed_class(name: str) -> Any:
         return None
 
 
-def _is_installed(message: Any) -> bool:
-    return hasattr(message, "get_fields_and_field_types")
-
-
 def fill_message(message: Any, fields: Fields, what: str) -> None:
     """Set the fields of a ROS message from a mapping, nested ones too.
 
     Raises:
         MessageError: A field is unknown, or a value does not fit its type.
     """
-    known = message.get_fields_and_field_types() if _is_installed(message) else None
+    known = message.get_fields_and_field_types() if hasattr(message, "get_fields_and_field_types") else None
     if known is not None:
         message._check_fields = True  # else rclpy takes any value and sends the wrong bytes
     for name, value in fields.items():

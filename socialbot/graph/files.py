@@ -135,8 +135,7 @@ def parse_recorded(text: str, *, where: str, folder: Path) -> Graph:
     """
     with reading_record(folder):
         graph = parse_graph(text, where=where)
-    moving = [one.name for one in graph.nodes if MOVING in one.parameters]
-    return graph.with_parameters({name: {MOVING: False} for name in moving}) if moving else graph
+    return graph.with_parameters({one.name: {MOVING: False} for one in graph.nodes if MOVING in one.parameters})
 
 
 def with_messages(graph: Graph, form: str, *, where: str) -> Graph:
