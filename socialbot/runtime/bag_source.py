@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,14 +111,16 @@ class BagSource(RunSource):
         graph = graph.without_sources()
         if runner == "ros":
             # Each sound is answered, so that the player can wait for what is heard.
-            in_step = [each.name for each in graph.nodes if "in_step" in each.type.parameters()]
-            graph = graph.with_parameters({name: {"in_step": True} for name in in_step}) if in_step else graph
+            nodes = [each for each in graph.nodes if "in_step" in each.type.parameters()]
+            graph = graph.with_parameters({each.name: {"in_step": True} for each in nodes})
         self._recorded = recorded_services(self.bag, graph) if runner == "inline" else {}
         graph = with_speech_files(graph.with_stand_ins(self._recorded), folder, **playback)
         graph.expect_answers(self._recorded)
         self._feeds = feeding(self.bag, graph, self.image_topic)
         if takes_images(graph) and is_rectified(self.bag.choose_image_topic(self.image_topic).name):
-            graph = _with_rectified_images(graph)
+            # Tell detectors, unless they state it.
+            nodes = [each for each in graph.nodes if "rectified" in each.type.parameters()]
+            graph = graph.with_parameters({each.name: {"rectified": True, **each.parameters} for each in nodes})
         return graph
 
     def observe(self, topic: str, message: Message) -> None:
@@ -168,44 +170,46 @@ class BagSource(RunSource):
         }
 
     def _run_inline(self, execution: Execution) -> None:
-        graph, ending = execution.graph, execution.ending
+        graph = execution.graph
         if takes_images(graph) and (self.cache is not None or is_redacted(self.bag.path)):
             self._run_cached(execution, self.cache or PerceptionCache())
             return
         messages = self.bag.messages(self._feeds, graph.topics())
-        first = next(messages, None)
-        if first is None:
-            raise self._unreadable()
-        with execution.inline(observed_topics(graph), first[1].stamp, self._recorded) as runner:
-            if takes_images(graph):
-                runner.start()
-                unread = itertools.chain([first], messages)
-                runner.run(itertools.takewhile(lambda _: not ending.asked, unread), tail_s=TAIL_S)
-            else:
-                script = WorldScript(self.bag, self._feeds, graph)
-                stage = InlineStage(runner, script)
-                stage.begin()
-                runner.start()
-                play(script, stage, ending)
+        if takes_images(graph):
+            self._feed(execution, messages, graph)
+            return
+        start = self._first(messages)[1].stamp
+        with execution.inline(observed_topics(graph), start, self._recorded) as runner:
+            script = WorldScript(self.bag, self._feeds, graph)
+            stage = InlineStage(runner, script)
+            stage.begin()
+            runner.start()
+            play(script, stage, execution.ending)
 
     def _run_cached(self, execution: Execution, cache: PerceptionCache) -> None:
         """Run the graph with nodes that reuse cached messages, or cache new ones."""
-        ending, perception = execution.ending, cache.open(self.bag, execution.graph, self._feeds)
+        perception = cache.open(self.bag, execution.graph, self._feeds)
         complete = False
         try:
-            messages = perception.messages()
-            first = next(messages, None)
-            if first is None:
-                raise self._unreadable()
-            topics = observed_topics(execution.graph)
-            with execution.inline(topics, first[1].stamp, self._recorded, perception.graph) as runner:
-                runner.start()
-                unread = itertools.chain([first], messages)
-                runner.run(itertools.takewhile(lambda _: not ending.asked, unread), tail_s=TAIL_S)
-                complete = not ending.asked
+            self._feed(execution, perception.messages(), perception.graph)
+            complete = not execution.ending.asked
         finally:
             perception.finish(complete=complete)
         self._perception = perception.state
+
+    def _feed(self, execution: Execution, messages: Iterator[tuple[str, Message]], graph: Graph) -> None:
+        """Run ``graph`` on messages of the bag."""
+        first = self._first(messages)
+        topics = observed_topics(execution.graph)
+        with execution.inline(topics, first[1].stamp, self._recorded, graph) as runner:
+            runner.start()
+            unread = itertools.chain([first], messages)
+            runner.run(itertools.takewhile(lambda _: not execution.ending.asked, unread), tail_s=TAIL_S)
+
+    def _first(self, messages: Iterator[tuple[str, Message]]) -> tuple[str, Message]:
+        for first in messages:
+            return first
+        raise self._unreadable()
 
     def _run_ros(self, execution: Execution) -> None:
         if is_redacted(self.bag.path):
@@ -244,12 +248,9 @@ def _with_camera_pose(graph: Graph, bag: Path) -> Graph:
 
     Detectors do not write their pose files, so that each replay gives the same.
     """
-    kept = [
-        each.name
-        for each in graph.nodes
-        if each.parameters.get("camera_file") and "keep_pose" in each.type.parameters()
-    ]
-    graph = graph.with_parameters({name: {"keep_pose": False} for name in kept}) if kept else graph
+    kept = [each for each in graph.nodes if each.parameters.get("camera_file")]
+    kept = [each.name for each in kept if "keep_pose" in each.type.parameters()]
+    graph = graph.with_parameters({name: {"keep_pose": False} for name in kept})
     nodes = [each for each in graph.nodes if each.type.parameters().keys() >= {"mount_height_m", "pitch_rad"}]
     if not nodes:
         return graph
@@ -260,12 +261,6 @@ def _with_camera_pose(graph: Graph, bag: Path) -> Graph:
         return graph
     known = {"mount_height_m": pose.height_m, "pitch_rad": pose.pitch_rad}
     return graph.with_parameters({each.name: {**known, **each.parameters} for each in nodes})
-
-
-def _with_rectified_images(graph: Graph) -> Graph:
-    """Tell detectors that the images are rectified, unless they state it."""
-    nodes = [each for each in graph.nodes if "rectified" in each.type.parameters()]
-    return graph.with_parameters({each.name: {"rectified": True, **each.parameters} for each in nodes})
 
 
 def graph_of(bag: Path) -> Graph:

@@ -342,20 +342,16 @@ def _files(config: NodeConfig) -> Sequence[Path] | None:
 
 def _key(bag: Bag, nodes: Sequence[NodeConfig], replaced: set[str], feeds: Mapping[str, str]) -> str:
     topics = {topic for config in nodes for topic, _ in config.subscriptions}
+    read = {topic for config in nodes if config.name in replaced for topic, _ in config.subscriptions}
     parts: list[Any] = [
         _environment(),
         bag_digest(bag.path),
         sorted((source, target) for source, target in feeds.items() if target in topics),
-        sorted(feeds) if _only_reads(nodes, replaced, feeds) else [],
+        sorted(feeds) if set(feeds.values()) <= read else [],
         [_node(config) for config in nodes],
         sorted(replaced),
     ]
     return hashlib.sha256(msgspec.msgpack.encode(parts)).hexdigest()
-
-
-def _only_reads(nodes: Sequence[NodeConfig], replaced: set[str], feeds: Mapping[str, str]) -> bool:
-    topics = {topic for config in nodes if config.name in replaced for topic, _ in config.subscriptions}
-    return set(feeds.values()) <= topics
 
 
 def _settings(config: NodeConfig) -> list[Any]:
@@ -365,14 +361,8 @@ def _settings(config: NodeConfig) -> list[Any]:
 
 
 def _node(config: NodeConfig) -> Any:
-    roots = _code_roots(config.type) or ()
     files = [(str(path), hash_file(path, where=config.name) if path.exists() else b"") for path in _files(config) or ()]
-    return [
-        config.name,
-        _settings(config),
-        files,
-        [_source(root) for root in roots],
-    ]
+    return [config.name, _settings(config), files, [_source(root) for root in _code_roots(config.type) or ()]]
 
 
 def bag_digest(path: Path) -> str:
