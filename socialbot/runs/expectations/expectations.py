@@ -159,12 +159,6 @@ class Expectation:
         return self.name or self.text
 
 
-def _no_window(found: Window | None, word: str) -> None:
-    if found is not None:
-        remedy = "leave out within(), or complete it with after() or before()"
-        raise RuleError(f"within() has no meaning with {word}()", where="expectation", remedy=remedy)
-
-
 def _seconds(found: Window | None) -> str:
     if found is None:
         return ""
@@ -192,21 +186,21 @@ class ExpectationClause:
 
     def at_least(self, number: int) -> ExpectationClause:
         """Expect this many or more."""
-        self._only_expect("at_least")
-        _require_count("at_least", number)
-        return replace(self, low=number)
+        return self._counting("at_least", number, number, self.high)
 
     def at_most(self, number: int) -> ExpectationClause:
         """Expect this many or fewer."""
-        self._only_expect("at_most")
-        _require_count("at_most", number)
-        return replace(self, low=self.low or 0, high=number)
+        return self._counting("at_most", number, self.low or 0, number)
 
     def exactly(self, number: int) -> ExpectationClause:
         """Expect this many."""
-        self._only_expect("exactly")
-        _require_count("exactly", number)
-        return replace(self, low=number, high=number)
+        return self._counting("exactly", number, number, number)
+
+    def _counting(self, word: str, number: int, low: int, high: int | None) -> ExpectationClause:
+        self._refuse(word, "mode")
+        if not isinstance(number, int) or isinstance(number, bool) or number < 0:
+            raise RuleError(f"{number!r} is no number of times", where=f"{word}()", remedy=f"give one: {word}(2)")
+        return replace(self, low=low, high=high)
 
     # Completed expectations
 
@@ -226,7 +220,7 @@ class ExpectationClause:
 
     def before(self, trigger: TemporalFormula) -> Expectation:
         """Expect it before each time that ``trigger`` happens or begins to hold."""
-        self._no_count("before")
+        self._refuse("before", "count")
         reach = self.window or ALWAYS
         if self.mode == "some":
             holds: TemporalFormula = Once(self.what, reach)
@@ -239,7 +233,7 @@ class ExpectationClause:
 
     def while_(self, state: TemporalFormula) -> Expectation:
         """Expect it at all times at which ``state`` holds; counts are for each time that ``state`` holds."""
-        _no_window(self.window, "while_")
+        self._refuse("while_", "window")
         if self.low is not None:
             return self._made(f" while {state}", _counted_during(self.what, state, self.low, self.high), "each", state)
         holds = Negation(self.what) if self.mode == "never" else self.what
@@ -247,16 +241,13 @@ class ExpectationClause:
 
     def until(self, end: TemporalFormula) -> Expectation:
         """Expect it from the beginning of the run until ``end`` first happens, which it must."""
-        _no_window(self.window, "until")
-        self._no_count("until")
+        self._refuse("until", "window", "count")
         left = Negation(self.what) if self.mode == "never" else self.what
         return self._made(f" until {end}", Until(left, end), "begin")
 
     def once_per(self, variable: Variable) -> Expectation:
         """Expect it at most once for each value of a variable, which it contains: ``said("greeting", to=person)``."""
-        self._only_expect("once_per")
-        _no_window(self.window, "once_per")
-        self._no_count("once_per")
+        self._refuse("once_per", "mode", "window", "count")
         found = [atom for atom in self.what.atoms() if variable.name in atom.variables]
         if not found:
             remedy = f"use {variable.name} in it, for example said('greeting', to={variable.name})"
@@ -265,8 +256,7 @@ class ExpectationClause:
 
     def in_total(self) -> Expectation:
         """Expect the number of times, or that it happens at all, in the whole run."""
-        self._only_expect("in_total")
-        _no_window(self.window, "in_total")
+        self._refuse("in_total", "mode", "window")
         if self.low is None:
             return self._made(" at some time", Eventually(self.what), "begin")
         return self._made(" in total", Counted(self.what, self.low, self.high), "begin")
@@ -276,9 +266,7 @@ class ExpectationClause:
 
         A limit that is met to the nanosecond is kept.
         """
-        self._only_expect("lasting")
-        _no_window(self.window, "lasting")
-        self._no_count("lasting")
+        self._refuse("lasting", "mode", "window", "count")
         parts: list[TemporalFormula] = []
         if at_least is not None:
             parts.append(Always(self.what, Window(0, max(nanoseconds(at_least) - 1, 0))))
@@ -294,21 +282,23 @@ class ExpectationClause:
 
     def throughout(self) -> Expectation:
         """Expect it at all times of the run."""
-        _no_window(self.window, "throughout")
-        self._no_count("throughout")
+        self._refuse("throughout", "window", "count")
         holds = Negation(self.what) if self.mode == "never" else self.what
         return self._made("", holds, "throughout")
 
-    def _only_expect(self, word: str) -> None:
-        if self.mode != "some":
-            begun = "never" if self.mode == "never" else "at_all_times"
-            what = f"{word}() has no meaning after {begun}()"
-            raise RuleError(what, where="expectation", remedy=f"begin with expect(...), or leave out {word}()")
-
-    def _no_count(self, word: str) -> None:
-        if self.low is not None:
-            remedy = "count with after(), while_() or in_total()"
-            raise RuleError(f"counts have no meaning with {word}()", where="expectation", remedy=remedy)
+    def _refuse(self, word: str, *parts: Literal["mode", "window", "count"]) -> None:
+        """Raise RuleError if this clause has a part that has no meaning with the method ``word``."""
+        what = remedy = ""
+        if "mode" in parts and self.mode != "some":
+            what = f"{word}() has no meaning after {'never' if self.mode == 'never' else 'at_all_times'}()"
+            remedy = f"begin with expect(...), or leave out {word}()"
+        elif "window" in parts and self.window is not None:
+            what = f"within() has no meaning with {word}()"
+            remedy = "leave out within(), or complete it with after() or before()"
+        elif "count" in parts and self.low is not None:
+            what, remedy = f"counts have no meaning with {word}()", "count with after(), while_() or in_total()"
+        if what:
+            raise RuleError(what, where="expectation", remedy=remedy)
 
     def _made(
         self, rest: str, holds: TemporalFormula, when: When, trigger: TemporalFormula | None = None
@@ -322,11 +312,6 @@ class ExpectationClause:
                 how_many = f" {_times(self.low)}"
         word = {"some": "expect", "never": "never", "all": "always"}[self.mode]
         return Expectation(f"{word} {self.what}{how_many}{rest}", holds, when, trigger, subject=self.what)
-
-
-def _require_count(method: str, number: object) -> None:
-    if not isinstance(number, int) or isinstance(number, bool) or number < 0:
-        raise RuleError(f"{number!r} is no number of times", where=f"{method}()", remedy=f"give one: {method}(2)")
 
 
 def _counted_during(what: TemporalFormula, state: TemporalFormula, low: int, high: int | None) -> TemporalFormula:

@@ -115,6 +115,11 @@ class TemporalFormula:
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         """Return when this formula holds."""
+        truths = [part.truth(trace, binding) for part in self.parts]
+        return TruthSets(*(self._holds(trace, *sets) for sets in zip(*truths, strict=True)))
+
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        """Return when this formula holds if its parts hold at these moments; not for one that holds if they do not."""
         raise NotImplementedError
 
     @property
@@ -133,7 +138,12 @@ class TemporalFormula:
     @property
     def memory(self) -> int:
         """Time (ns) after the end of a trace from which on the truth of this formula does not change."""
-        return max((part.memory for part in self.parts), default=1)
+        return max((part.memory for part in self.parts), default=1) + self._reach
+
+    @property
+    def _reach(self) -> int:
+        """Time (ns) before a moment on which the truth at that moment depends, beside the truth of the parts."""
+        return 0
 
     def __and__(self, other: TemporalFormula) -> TemporalFormula:
         return Conjunction(self, as_formula(other))
@@ -252,9 +262,9 @@ class Conjunction(_Pair):
 
     text: str = ""
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
-        return TruthSets(left.must & right.must, left.may & right.may)
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        left, right = parts
+        return left & right
 
     def __str__(self) -> str:
         return self.text or f"({self.left} and {self.right})"
@@ -263,9 +273,9 @@ class Conjunction(_Pair):
 class Disjunction(_Pair):
     """Disjunction."""
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
-        return TruthSets(left.must | right.must, left.may | right.may)
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        left, right = parts
+        return left | right
 
     def __str__(self) -> str:
         if isinstance(self.left, Negation):
@@ -288,9 +298,8 @@ class Eventually(_Timed):
 
     symbol = "F"
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        must, may = self.part.truth(trace, binding)
-        return TruthSets(self.window.ahead(must, trace), self.window.ahead(may, trace))
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        return self.window.ahead(parts[0], trace)
 
 
 class Always(_Timed):
@@ -307,13 +316,12 @@ class Once(_Timed):
 
     symbol = "O"
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        must, may = self.part.truth(trace, binding)
-        return TruthSets(self.window.back(must, trace), self.window.back(may, trace))
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        return self.window.back(parts[0], trace)
 
     @property
-    def memory(self) -> int:
-        return self.part.memory + self.window.longest
+    def _reach(self) -> int:
+        return self.window.longest
 
 
 class Historically(_Timed):
@@ -325,8 +333,8 @@ class Historically(_Timed):
         return Negation(Once(Negation(self.part), self.window)).truth(trace, binding)
 
     @property
-    def memory(self) -> int:
-        return self.part.memory + self.window.longest
+    def _reach(self) -> int:
+        return self.window.longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,12 +352,8 @@ class Until(_TimedPair):
 
     symbol = "U"
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
-        return TruthSets(*(self._holds(one, two, trace) for one, two in zip(left, right, strict=True)))
-
-    def _holds(self, left: TimeSet, right: TimeSet, trace: ObservedTrace) -> TimeSet:
-        right = self.window.in_run(right, trace)
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        left, right = parts[0], self.window.in_run(parts[1], trace)
         found = _time_sets.until(left, right, self.window.least, self.window.most, trace.last)
         to_the_end = TimeSet(left.intervals[-1:]) if trace.last in left else EMPTY
         return found | (to_the_end & self.window.beyond(right, trace))
@@ -360,14 +364,12 @@ class Since(_TimedPair):
 
     symbol = "S"
 
-    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
-        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
-        least, most, last = self.window.least, self.window.most, trace.last
-        return TruthSets(*(_time_sets.since(one, two, least, most, last) for one, two in zip(left, right, strict=True)))
+    def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
+        return _time_sets.since(parts[0], parts[1], self.window.least, self.window.most, trace.last)
 
     @property
-    def memory(self) -> int:
-        return max(self.left.memory, self.right.memory) + self.window.longest
+    def _reach(self) -> int:
+        return self.window.longest
 
 
 class Rise(_OfPart):
@@ -381,8 +383,8 @@ class Rise(_OfPart):
         return TruthSets(must.without(may.later(1, 1, last), last), may.without(must.later(1, 1, last), last))
 
     @property
-    def memory(self) -> int:
-        return self.part.memory + 1
+    def _reach(self) -> int:
+        return 1
 
     def __str__(self) -> str:
         return f"begin({self.part})"
@@ -406,8 +408,8 @@ class Counted(_OfPart):
         return TruthSets(now if self.high is None else now.without(more, last), now | (fewer & more))
 
     @property
-    def memory(self) -> int:
-        return self.part.memory + 1
+    def _reach(self) -> int:
+        return 1
 
     def __str__(self) -> str:
         if self.high is None:
