@@ -349,7 +349,7 @@ class _Answering(Whether):
         because = reasons(self.speech, deed)
         if not because:
             return None
-        told = f"{clauses[0].text}{self.speech.say('because')} {self.joined(because)}"
+        told = self.speech.say("because", clause=clauses[0].text, reason=self.joined(because))
         foil = contrast(self.speech, deed, self.subjects)
         if foil is not None:
             told += f"; {foil.text}"

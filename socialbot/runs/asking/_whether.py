@@ -325,14 +325,15 @@ class Whether(Scope):
         earlier = [each for each in self.of_persons(self.deeds) if self.history.seconds(each.stamp) < span[0]]
         if earlier:
             done = self.speech.did(earlier[-1], topic)
-            return f"{undone.text}{self.speech.say('because')} {done.text}", [undone, done]
+            return self.speech.say("because", clause=undone.text, reason=done.text), [undone, done]
         because = self._prevented(topic, span) or reasons_against(
             self.speech, self.subjects, topic, self.persons, agent, span, self.question.at_s
         )
         if not because:
             instead = self._instead(topic)
             return "; ".join(each.text for each in (undone, *instead)), [undone, *instead]
-        return f"{undone.text}{self.speech.say('because')} {self.joined(because)}", [undone, *because]
+        told = self.speech.say("because", clause=undone.text, reason=self.joined(because))
+        return told, [undone, *because]
 
     def _prevented(self, topic: Topic, span: tuple[float, float]) -> list[Clause]:
         """Return the last failure of a plan that would have done the deed to the people and things in question."""

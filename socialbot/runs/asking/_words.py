@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable, Iterator, Sequence
 from difflib import SequenceMatcher
 from functools import cache, lru_cache
 
-from socialbot.runs.asking._verbs import ORDINARY_VERBS
+from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
 
 ALIKE = 0.72
 """Least similarity of a word that a person wrote or a recogniser heard to a known word."""
@@ -129,7 +129,7 @@ def stem(word: str) -> str:
 
 @cache
 def _ordinary_stems() -> frozenset[str]:
-    return frozenset(map(stem, ORDINARY_VERBS))
+    return frozenset(map(stem, ENGLISH.ordinary_verbs))
 
 
 @lru_cache(maxsize=10_000)
@@ -220,29 +220,13 @@ def likeness(phrase: Sequence[str], words: Sequence[str], most_between: int = 2)
     return best
 
 
-_UNITS: dict[str, int] = {}
-_TENS: dict[str, int] = {}
-for _line in (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
-    "eighteen nineteen",
-    "null eins zwei drei vier funf sechs sieben acht neun zehn elf zwolf dreizehn vierzehn funfzehn sechzehn siebzehn "
-    "achtzehn neunzehn",
-    "zero un deux trois quatre cinq six sept huit neuf dix onze douze treize quatorze quinze seize",
-    "cero uno dos tres cuatro cinco seis siete ocho nueve diez once doce trece catorce quince dieciseis diecisiete "
-    "dieciocho diecinueve",
-):
-    _UNITS |= {word: number for number, word in enumerate(_line.split())}
-for _line in (
-    "twenty thirty forty fifty sixty seventy eighty ninety",
-    "zwanzig dreissig vierzig funfzig sechzig siebzig achtzig neunzig",
-    "vingt trente quarante cinquante soixante",
-    "veinte treinta cuarenta cincuenta sesenta setenta ochenta noventa",
-):
-    _TENS |= {word: 10 * number for number, word in enumerate(_line.split(), 2)}
-_UNITS |= {"ein": 1, "eine": 1, "einer": 1, "une": 1, "una": 1}
+_NUMBERS = [language.numbers for language in LANGUAGES.values()]
+_UNITS = {word: number for each in _NUMBERS for number, word in enumerate(each["units"])}
+_UNITS |= {word: 1 for each in _NUMBERS for word in each.get("one", ())}
+_TENS = {word: 10 * number for each in _NUMBERS for number, word in enumerate(each["tens"], 2)}
 NUMBER_WORDS = frozenset((*_UNITS, *_TENS))
 """Words of numbers."""
-_HUNDREDS = {"hundred": 100, "hundert": 100, "cent": 100, "cien": 100, "ciento": 100}
+_HUNDREDS = {word for each in _NUMBERS for word in each["hundred"]}
 _GERMAN = re.compile(rf"({'|'.join(_UNITS)})und({'|'.join(_TENS)})")
 _POINTS = {"point", "komma", "virgule", "coma", "punto"}
 
@@ -280,17 +264,7 @@ def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
     return _with_point(float(total), words, place + used, used) if used else None
 
 
-_ORDINALS: dict[str, int] = {}
-for _line in (
-    "third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth fifteenth sixteenth "
-    "seventeenth eighteenth nineteenth twentieth",
-    "dritten vierten funften sechsten siebten achten neunten zehnten elften zwolften dreizehnten vierzehnten "
-    "funfzehnten sechzehnten siebzehnten achtzehnten neunzehnten zwanzigsten",
-    "troisieme quatrieme cinquieme sixieme septieme huitieme neuvieme dixieme onzieme douzieme treizieme quatorzieme "
-    "quinzieme seizieme",
-    "tercer cuarto quinto sexto septimo octavo noveno decimo",
-):
-    _ORDINALS |= {word: number for number, word in enumerate(_line.split(), 3)}
+_ORDINALS = {word: number for each in _NUMBERS for number, word in enumerate(each["ordinals"], 3)}
 
 
 def ordinal_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:

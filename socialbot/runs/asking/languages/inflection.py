@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from socialbot.runs.asking.languages import LANGUAGES
+
 Phrase = tuple[str, ...]
 
 _SEPARABLE = (
@@ -21,31 +23,7 @@ _INSEPARABLE = ("uber", "unter", "wider", "hinter", "miss", "emp", "ent", "ver",
 _WHOLE = {"antworten", "horen", "holen", "warten", "hinken", "losen", "ankern", "arbeiten", "ernten", "erben", "essen"}
 """German verbs that only seem to have a prefix."""
 _SHORTEST_VERB = 4
-_STRONG = {
-    each.split()[0]: tuple(each.split()[1:])
-    for each in (
-        "fahren fuhr gefahren", "gehen ging gegangen", "kommen kam gekommen", "nehmen nahm genommen nimm",
-        "geben gab gegeben gib", "greifen griff gegriffen", "heben hob gehoben", "laden lud geladen",
-        "stehen stand gestanden", "lassen liess gelassen", "rufen rief gerufen", "bitten bat gebeten",
-        "bieten bot geboten", "schliessen schloss geschlossen", "sprechen sprach gesprochen sprich",
-        "brechen brach gebrochen brich", "bringen brachte gebracht", "tragen trug getragen", "ziehen zog gezogen",
-        "schieben schob geschoben", "halten hielt gehalten", "finden fand gefunden", "lieren lor loren",
-        "weisen wies gewiesen", "sehen sah gesehen sieh", "lesen las gelesen lies", "messen mass gemessen miss",
-        "wiegen wog gewogen", "schneiden schnitt geschnitten", "giessen goss gegossen", "essen ass gegessen iss",
-        "trinken trank getrunken", "treffen traf getroffen triff", "werfen warf geworfen wirf",
-        "fangen fing gefangen", "fallen fiel gefallen", "fliegen flog geflogen", "schwimmen schwamm geschwommen",
-        "graben grub gegraben", "schlafen schlief geschlafen", "sitzen sass gesessen", "steigen stieg gestiegen",
-        "laufen lief gelaufen", "helfen half geholfen hilf", "singen sang gesungen", "schreiben schrieb geschrieben",
-        "bleiben blieb geblieben", "weichen wich gewichen", "waschen wusch gewaschen", "tun tat getan",
-        "ginnen gann gonnen", "schmeissen schmiss geschmissen", "stossen stiess gestossen", "bergen barg geborgen",
-        "lingen lang lungen", "scheiden schied geschieden", "kennen kannte gekannt", "rennen rannte gerannt",
-        "schreiten schritt geschritten", "heissen hiess geheissen", "denken dachte gedacht",
-        "weigern weigerte weigert", "sperren sperrte gesperrt", "leihen lieh geliehen", "wissen wusste gewusst",
-        "durfen durfte gedurft darf", "wollen wollte gewollt will", "fressen frass gefressen friss",
-        "gessen gass gessen giss", "fehlen fehlte gefehlt",
-    )
-}  # fmt: skip
-"""Past tense, participle and, if it differs, stem of the third person of strong German verbs."""
+_STRONG = LANGUAGES["de"].verbs
 
 
 def german(phrase: Phrase, is_verb: bool) -> Iterator[Phrase]:
@@ -90,20 +68,7 @@ def _german_forms(verb: str) -> Iterator[tuple[str, bool]]:
         yield inseparable + past.removesuffix("e" if ending.startswith("e") else "") + ending, True
 
 
-_FRENCH = {
-    each.split()[0]: tuple(each.split()[1:])
-    for each in (
-        "prendre pris pren prend", "mettre mis mett met", "ouvrir ouvert ouvr ouvre", "offrir offert offr offre",
-        "frir frit fri fri", "dire dit dis di", "faire fait fais fai", "aller alle all va", "venir venu ven vien",
-        "tenir tenu ten tien", "duire duit duis dui", "suivre suivi suiv sui", "cevoir cu cev coi", "voir vu voy voi",
-        "courir couru cour cour", "boire bu buv boi", "lire lu lis li", "crire crit criv cri",
-        "partir parti part par", "sortir sorti sort sor", "servir servi serv ser", "dormir dormi dorm dor",
-        "naitre nu naiss nai", "eindre eint eign ein", "oindre oint oign oin", "truire truit truis trui",
-        "cuire cuit cuis cui", "battre battu batt bat", "asseoir assis assey assied", "vouloir voulu voul veu",
-        "rire ri ri ri",
-    )
-}  # fmt: skip
-"""Participle, stem of the imperfect tense, and that of the present tense, of irregular French verbs by their ending."""
+_FRENCH = LANGUAGES["fr"].verbs
 
 
 def french(phrase: Phrase, is_verb: bool) -> Iterator[Phrase]:
@@ -131,30 +96,7 @@ def french(phrase: Phrase, is_verb: bool) -> Iterator[Phrase]:
     yield from ((form, *rest) for form in forms)
 
 
-_SPANISH = {
-    each.split()[0]: tuple(each.split()[1:])
-    for each in (
-        "poner puesto pus pong pon", "decir dicho dij dig dic", "hacer hecho hic hag hac hiz",
-        "traer traido traj traig", "ducir ducido duj duzc", "ir ido fu v vay ib",
-        "venir venido vin veng vien", "dar dado d di",
-        "ver visto v ve", "abrir abierto abr", "romper roto romp", "cribir crito crib", "tener tenido tuv teng tien",
-        "querer querido quis quier", "ducir ducido duj duzc", "volver vuelto volv vuelv", "salir salido sal salg",
-        "caer caido cay caig", "leer leido ley", "oir oido oy oig", "coger cogido cog coj", "cubrir cubierto cubr",
-        "freir frito fri", "reir reido ri", "cerrar cerrado cerr cierr", "encender encendido encend enciend",
-        "mover movido mov muev", "volcar volcado volc vuelc", "pedir pedido ped pid", "seguir seguido segu sig sigu",
-        "servir servido serv sirv", "contar contado cont cuent", "mostrar mostrado mostr muestr",
-        "encontrar encontrado encontr encuentr", "soltar soltado solt suelt", "despertar despertado despert despiert",
-        "empezar empezado empez empiez", "comenzar comenzado comenz comienz", "probar probado prob prueb",
-        "jugar jugado jug jueg", "regar regado reg rieg", "sentar sentado sent sient", "medir medido med mid",
-        "despedir despedido desped despid", "advertir advertido advert adviert advirt", "dormir dormido dorm duerm",
-        "morir muerto mor muer", "calentar calentado calent calient", "enterrar enterrado enterr entierr",
-        "hervir hervido herv hierv", "volar volado vol vuel", "elegir elegido elig elij",
-        "asentir asentido asent asient",
-        "hablar hablado habl", "sostener sostenido sostuv sostien", "mantener mantenido mantuv mantien",
-        "detener detenido detuv detien", "obtener obtenido obtuv obtien", "sonar sonado son suen",
-    )
-}  # fmt: skip
-"""Participle and other stems of irregular Spanish verbs by their ending."""
+_SPANISH = LANGUAGES["es"].verbs
 _CLITICS = ("lo", "la", "los", "las", "le", "les", "me", "te", "se", "nos")
 _SPELLED = (("c", "qu"), ("g", "gu"), ("z", "c"))
 """Last letters of a stem before a and before e."""

@@ -1,15 +1,20 @@
 """Words of questions by class, and sentences of answers, of one language.
 
-Each language lists words by class. A class is a role in a question: an interrogative (``why``, ``who``), a verb that
-every agent knows (``see``, ``do``), a reference (``me``, ``people``), a tense or a negation. Words have no accents.
+The file of a language, such as en.ini, lists words by class. A class is a role in a question: an interrogative
+(``why``, ``who``), a verb that every agent knows (``see``, ``do``), a reference (``me``, ``people``), a tense or a
+negation. Its alternatives are separated by commas and may have several words: ``at/in what/which moment`` stands for
+four of them. Words have no accents.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
+from configparser import ConfigParser
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.resources import files
+from itertools import product
 
 INTERROGATIVES = (
     "why", "what", "who", "when", "where", "how_often", "how_many", "how_long", "how_far", "unanswerable",
@@ -39,15 +44,10 @@ class Voices:
     by: frozenset[str]
     receive: frozenset[str]
     source: frozenset[str]
-    third: frozenset[str]
     participle: re.Pattern[str]
     second: re.Pattern[str] = re.compile("(?!)")
+    third: frozenset[str] = frozenset()
     first: frozenset[str] = frozenset()
-
-
-def word_set(text: str) -> frozenset[str]:
-    """Return the words of a text."""
-    return frozenset(text.split())
 
 
 @dataclass(frozen=True)
@@ -55,17 +55,18 @@ class Language:
     """Words by class, and sentences of answers by name."""
 
     code: str
-    words: Mapping[str, str]
-    """Alternatives, separated by commas; an alternative may have several words."""
+    phrases: Mapping[str, tuple[tuple[str, ...], ...]]
+    """Alternatives of each class as tuples of words."""
     sentences: Mapping[str, str]
     voices: Voices
-    letters: str = ""
+    numbers: Mapping[str, Sequence[str]]
+    """Words for numbers: ``units`` from 0 on, other forms of ``one``, ``tens``, ``hundred`` and ``ordinals``."""
+    verbs: Mapping[str, Sequence[str]]
+    """Forms of irregular verbs."""
+    ordinary_verbs: Set[str]
+    """Verbs that are never misheard words."""
+    letters: str
     """Letters and signs that no other language has."""
-
-    @cached_property
-    def phrases(self) -> dict[str, tuple[tuple[str, ...], ...]]:
-        """Alternatives of each class as tuples of words."""
-        return {name: tuple(tuple(one.split()) for one in text.split(",")) for name, text in self.words.items()}
 
     @cached_property
     def known_words(self) -> frozenset[str]:
@@ -83,3 +84,29 @@ class Language:
     def auxiliaries(self) -> frozenset[str]:
         """First words of questions that are answered by yes or no."""
         return frozenset(one[0] for one in self.phrases["auxiliary"])
+
+
+def read_language(code: str) -> Language:
+    """Read the file of a language (ISO 639-1)."""
+    read = ConfigParser(delimiters=("=",), interpolation=None)
+    read.read_dict({"verbs": {}, "language": {"ordinary_verbs": "", "letters": ""}})
+    read.read_string((files("socialbot.runs.asking.languages") / f"{code}.ini").read_text("utf-8"))
+    forms: dict[str, re.Pattern[str]] = {
+        name: re.compile(read["voices"][name]) for name in ("participle", "second") if name in read["voices"]
+    }
+    words = {name: frozenset(text.split()) for name, text in read["voices"].items() if name not in forms}
+    return Language(
+        code,
+        {name: tuple(_alternatives(text)) for name, text in read["words"].items()},
+        {name: text.replace("\n", " ").strip() for name, text in read["sentences"].items()},
+        Voices(**words, **forms),  # type: ignore[arg-type]
+        {name: text.split() for name, text in read["numbers"].items()},
+        {name: text.split() for name, text in read["verbs"].items()},
+        frozenset(read["language"]["ordinary_verbs"].split()),
+        read["language"]["letters"],
+    )
+
+
+def _alternatives(text: str) -> Iterator[tuple[str, ...]]:
+    for each in text.split(","):
+        yield from product(*(word.split("/") for word in each.split()))
