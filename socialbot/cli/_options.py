@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -145,6 +146,47 @@ def labels_of(texts: Sequence[str] | None) -> dict[str, str]:
             raise ParameterError(f"{text!r} is not a label", where="--label", remedy=remedy)
         labels[name] = value
     return labels
+
+
+def command_of(
+    make: Callable[..., tuple[Any, ...]],
+    chosen: Sequence[str],
+    start: Callable[..., None],
+    *,
+    without: Collection[str] = (),
+    **defaults: Any,
+) -> Callable[..., None]:
+    """Return a command that calls ``start`` with what ``make`` returns.
+
+    Args:
+        make: Its parameters are options of the command, and its docstring is the help text.
+        chosen: Names of the arguments of ``start`` that it returns.
+        start: Its other parameters are options of the command, too; the first one is the context.
+        without: Parameters of ``start`` that are no options.
+        defaults: Other default values of the parameters of ``start``.
+
+    Raises:
+        ParameterError: Both have a parameter of the same name.
+    """
+    own = inspect.signature(make, eval_str=True).parameters
+    known = inspect.signature(start, eval_str=True).parameters
+    context, *others = (each for name, each in known.items() if name not in (*chosen, *without))
+    if taken := sorted(own.keys() & {each.name for each in others}):
+        remedy = "rename the parameter: all demos have an option of this name"
+        raise ParameterError(f"the parameter {taken[0]!r} is taken", where=make.__name__, remedy=remedy)
+
+    def command(**given: Any) -> None:
+        made = make(**{name: given.pop(name) for name in own})
+        start(**dict(zip(chosen, made, strict=True)), **given)
+
+    keywords = [
+        each.replace(kind=inspect.Parameter.KEYWORD_ONLY, default=defaults.get(each.name, each.default))
+        for each in (context, *own.values(), *others)
+    ]
+    command.__doc__ = make.__doc__
+    command.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in keywords}
+    return command
 
 
 def many(count: int, noun: str) -> str:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console, print_line
-
-if TYPE_CHECKING:
-    from socialbot.graph.node import Graph
+from socialbot.graph.node import Graph
 
 PANEL = "Run a graph"
 EXAMPLES = (
@@ -23,10 +21,10 @@ EXAMPLES = (
 )
 
 
-def replay(
+def replay_bag(
     context: typer.Context,
-    bag: options.BagArgument,
-    graph: options.BagGraphOption = None,
+    bag: Path,
+    graph: Graph,
     runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
@@ -48,55 +46,6 @@ def replay(
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
     verbose: options.VerboseOption = False,
-) -> None:
-    """Replay a bag through a graph; show, record and score the run."""
-    from socialbot.graph.files import load_graph
-    from socialbot.runtime.bag_source import graph_of
-
-    replay_bag(
-        context,
-        bag,
-        load_graph(graph) if graph else graph_of(bag),
-        runner=runner,
-        composed=composed,
-        domain=domain,
-        image_topic=image_topic,
-        rate=rate,
-        pace=pace,
-        truth=truth,
-        out=out,
-        cache=cache,
-        privacy=privacy,
-        video=video,
-        show_page=show_page,
-        port=port,
-        changes=changes,
-        labels=labels,
-        verbose=verbose,
-    )
-
-
-def replay_bag(
-    context: typer.Context,
-    bag: Path,
-    graph: Graph,
-    *,
-    runner: options.Runner,
-    composed: bool,
-    domain: int | None,
-    image_topic: str | None,
-    rate: float,
-    pace: bool,
-    truth: Path | None,
-    out: Path | None,
-    cache: bool,
-    privacy: Literal["none", "blur", "no-images"],
-    video: bool,
-    show_page: bool,
-    port: int,
-    changes: list[str] | None,
-    labels: list[str] | None,
-    verbose: bool,
 ) -> None:
     """Replay a bag through ``graph``, with the options of ``socialbot replay``."""
     from socialbot.bags.playback import takes_images
@@ -145,6 +94,17 @@ def replay_bag(
     print_dialogue(console, record.folder)
     write_page(console, record, title)
     result.check()
+
+
+def _opened(bag: options.BagArgument, graph: options.BagGraphOption = None) -> tuple[Path, Graph]:
+    """Replay a bag through a graph; show, record and score the run."""
+    from socialbot.graph.files import load_graph
+    from socialbot.runtime.bag_source import graph_of
+
+    return bag, load_graph(graph) if graph else graph_of(bag)
+
+
+replay = options.command_of(_opened, ("bag", "graph"), replay_bag)
 
 
 def _is_without_images(bag: Path) -> bool:

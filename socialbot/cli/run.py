@@ -9,9 +9,9 @@ import typer
 
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console
+from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
-    from socialbot.graph.node import Graph
     from socialbot.runs.story import Story
 
 PANEL = "Run a graph"
@@ -28,10 +28,10 @@ LimitOption = Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Li
 RecordBagOption = Annotated[bool, typer.Option("--bag", help="Record a bag for replays, in the folder of the run.")]
 
 
-def run(
+def simulate(
     context: typer.Context,
-    graph: options.GraphArgument,
-    robot: options.RobotOption = None,
+    title: str,
+    graph: Graph,
     runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
@@ -44,50 +44,7 @@ def run(
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
     verbose: options.VerboseOption = False,
-) -> None:
-    """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
-
-    Exit code 10: a desire was not reached.
-    """
-    from socialbot.graph.files import load_graph
-
-    loaded = load_graph(graph, robot=robot or "")
-    title = loaded.name.capitalize()
-    simulate(
-        context,
-        title,
-        loaded,
-        runner,
-        composed,
-        domain,
-        rate,
-        limit,
-        out,
-        bag,
-        show_page,
-        port,
-        changes,
-        labels,
-        verbose,
-    )
-
-
-def simulate(
-    context: typer.Context,
-    title: str,
-    graph: Graph,
-    runner: options.Runner,
-    composed: bool,
-    domain: int | None,
-    rate: float,
-    limit: float,
-    out: Path | None,
-    bag: bool | Path,
-    show_page: bool,
-    port: int,
-    changes: list[str] | None,
-    labels: list[str] | None,
-    verbose: bool,
+    bag_path: Path | None = None,
 ) -> None:
     """Run ``graph`` on its simulated world, show it in the terminal and write its page."""
     from socialbot.cli._runs import enter_domain, print_outcome, write_page
@@ -110,8 +67,8 @@ def simulate(
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     pictures = RecentPictures() if image_topics(graph) else None
     # The page shows the pictures of the bag.
-    bag = bag or pictures is not None
-    source = SimulatedSource(rate, limit, (folder / "bag" if bag is True else bag) or None)
+    is_recorded = bag_path is not None or bag or pictures is not None
+    source = SimulatedSource(rate, limit, (bag_path or folder / "bag") if is_recorded else None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
     view_of_run = Display(console, graph.without_sources(), start=start, until=end, details=verbose)
     with RunRecord(folder, labels=options.labels_of(labels)) as record, view_of_run as display:
@@ -152,6 +109,20 @@ def simulate(
     result.check()
     if report.deliberates and not story.reached and result.ended != STOPPED:
         raise typer.Exit(NOT_REACHED)
+
+
+def _loaded(graph: options.GraphArgument, robot: options.RobotOption = None) -> tuple[str, Graph]:
+    """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
+
+    Exit code 10: a desire was not reached.
+    """
+    from socialbot.graph.files import load_graph
+
+    loaded = load_graph(graph, robot=robot or "")
+    return loaded.name.capitalize(), loaded
+
+
+run = options.command_of(_loaded, ("title", "graph"), simulate, without=("bag_path",))
 
 
 def _print_summary(console: Console, story: Story) -> None:

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 from socialbot.cli import _options as options
-from socialbot.cli.run import LimitOption, RateOption
+from socialbot.cli.run import simulate
+from socialbot.graph.node import Graph
 
 PANEL = "Run a graph"
 EXAMPLES = (
@@ -17,8 +18,7 @@ EXAMPLES = (
 )
 
 
-def sim(
-    context: typer.Context,
+def _place(
     place: Annotated[Literal["corridor", "foyer", "office"], typer.Argument(help="Place.")] = "foyer",
     visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
@@ -37,23 +37,11 @@ def sim(
     record: Annotated[
         Path | None, typer.Option(metavar="BAG", help="Record a bag with ground truth: socialbot evaluate BAG.")
     ] = None,
-    runner: options.RunnerOption = "inline",
-    composed: options.ComposedOption = False,
-    domain: options.DomainOption = None,
-    rate: RateOption = 0.0,
-    limit: LimitOption = 86400.0,
-    out: options.OutOption = None,
-    show_page: options.InspectOption = False,
-    port: options.PortOption = options.PORT,
-    changes: options.SetOption = None,
-    labels: options.LabelOption = None,
-    verbose: options.VerboseOption = False,
-) -> None:
+) -> tuple[str, Graph, Path | None]:
     """Simulate a place with people, and a robot that meets them. Needs the extra sim (MuJoCo).
 
     The same options and seed give the same bag.
     """
-    from socialbot.cli.run import simulate
     from socialbot.core.errors import BagError
     from socialbot.robots.simulation.demo import simulation, size_of
 
@@ -72,20 +60,7 @@ def sim(
         height=height,
         rate_hz=fps,
     )
-    simulate(
-        context,
-        f"People in the {place}",
-        graph,
-        runner,
-        composed,
-        domain,
-        rate,
-        limit,
-        out,
-        record or False,
-        show_page,
-        port,
-        changes,
-        labels,
-        verbose,
-    )
+    return f"People in the {place}", graph, record
+
+
+sim = options.command_of(_place, ("title", "graph", "bag_path"), simulate, without=("bag",), limit=86400.0)
