@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._clauses import is_question
@@ -20,7 +21,7 @@ _WANTED = {"desire", "goal"}
 
 def said(scope: Scope) -> Told | None:
     deeds = [each for each in scope.subjects.deeds if scope.subjects.words_said(each)]
-    spoken = [each for each in deeds if each.stamp <= scope.now] or deeds
+    spoken = scope.until_now(deeds) or deeds
     spoken = scope.in_time(scope.of_persons(each for each in spoken if scope.is_meant(each)))
     at_s, event = scope.question.at_s, scope.question.event
     if scope.question.says:
@@ -32,7 +33,7 @@ def said(scope: Scope) -> Told | None:
     elif event is not None and event.relation == "after" and scope.question.ordinal is None:
         spoken = spoken[: 1 if event.is_near else MOST_NAMED]
     elif scope.question.ordinal is not None or not (scope.persons or scope.question.agent):
-        spoken = [one for one in [scope.numbered(spoken)] if one is not None]
+        spoken = scope.one_of(spoken)
     deed = scope.event_deed
     if not spoken and event is not None and event.relation == "when" and deed is not None:
         spoken = [deed] if scope.subjects.words_said(deed) else []  # "when you asked Ann in": those words
@@ -41,8 +42,7 @@ def said(scope: Scope) -> Told | None:
     if not spoken:
         clause = _silence(scope, *scope.span())
         return clause.text, [clause]
-    clauses = [scope.speech.did(each, None) for each in spoken[-MOST_NAMED:]]
-    return scope.joined(clauses), clauses
+    return scope.told([scope.speech.did(each, None) for each in spoken[-MOST_NAMED:]])
 
 
 def _near(scope: Scope, records: Sequence[TraceRecord], at_s: float) -> list[TraceRecord]:
@@ -55,8 +55,7 @@ def _near(scope: Scope, records: Sequence[TraceRecord], at_s: float) -> list[Tra
 
 def heard(scope: Scope) -> Told | None:
     """Return what people said: the words in question, or else all of it, with the reply to a single utterance."""
-    found = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
-    found = [each for each in found if not scope.persons or each.detail.get("person") in scope.persons]
+    found = scope.in_time(scope.heard())
     if scope.question.reported:
         found = [each for each in found if _is_reported(scope, each)]
     elif scope.question.says:
@@ -67,7 +66,7 @@ def heard(scope: Scope) -> Told | None:
     if scope.question.at_s is not None:
         found = _near(scope, found, scope.question.at_s)
     elif scope.question.ordinal is not None:
-        found = [one for one in [scope.numbered(found)] if one is not None]
+        found = scope.one_of(found)
     elif scope.question.event is not None and scope.question.event.is_near:
         found = found[-1:] if scope.question.event.relation == "before" else found[:1]
     clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
@@ -77,8 +76,8 @@ def heard(scope: Scope) -> Told | None:
             for each in scope.subjects.deeds
             if each.kind == "utterance" and scope.facts.heard_before(each) is found[0]
         )
-        clauses += [scope.speech.did(each, None) for each in [next(replies, None)] if each is not None]
-    return (scope.joined(clauses), clauses) if clauses else None
+        clauses += [scope.speech.did(each, None) for each in islice(replies, 1)]
+    return scope.told(clauses)
 
 
 def _is_reported(scope: Scope, utterance: TraceRecord) -> bool:
@@ -98,8 +97,7 @@ def _is_reported(scope: Scope, utterance: TraceRecord) -> bool:
 
 def count_heard(scope: Scope) -> Told | None:
     """Return how often people spoke, or asked something, and what they said."""
-    told = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
-    told = [each for each in told if not scope.persons or each.detail.get("person") in scope.persons]
+    told = scope.in_time(scope.heard())
     if scope.question.asks:
         told = [each for each in told if _is_question(each)]
     if not told:
@@ -124,16 +122,13 @@ def heard_as(scope: Scope) -> Told | None:
     assert scope.topic is not None
     phrases = scope.topic.words.get(ENGLISH.code, ()) + scope.topic.loose
     words = {stem(word) for phrase in phrases for word in phrase}
-    told = [each for each in scope.in_time(scope.subjects.heard) if each.stamp <= scope.now]
-    told = [each for each in told if not scope.persons or each.detail.get("person") in scope.persons]
-    found = [each for each in told if words.intersection(map(stem, scope.facts.intents(each)))]
-    clauses = [scope.speech.heard(each) for each in found[-MOST_NAMED:]]
-    return (scope.joined(clauses), clauses) if clauses else None
+    found = [each for each in scope.in_time(scope.heard()) if words.intersection(map(stem, scope.facts.intents(each)))]
+    return scope.told([scope.speech.heard(each) for each in found[-MOST_NAMED:]])
 
 
 def failed(scope: Scope) -> Told | None:
     """Return the failures in question; that there was none, if the question is about no deed or thing."""
-    found = [each for each in scope.in_time(scope.facts.failures) if each.stamp <= scope.now]
+    found = scope.until_now(scope.in_time(scope.facts.failures))
     if scope.question.at_s is not None:
         found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)
     things, topic = set(scope.question.things), scope.topic
@@ -147,44 +142,43 @@ def failed(scope: Scope) -> Told | None:
         chains = [each for each in chains if any(topic.covers(call_of(one) or one.what) for one in each[1])]
     found = [each for each, _ in chains if things <= scope.things_behind(each)]
     if scope.question.ordinal is not None:
-        found = [one for one in [scope.numbered(found)] if one is not None]
+        found = scope.one_of(found)
     clauses = [scope.speech.failed(each) for each in found[:MOST_NAMED]]
     if is_all:
         ends = [each for each in scope.in_time(scope.facts.plan_ends) if each.detail.get("outcome") == "failed"]
-        ends = [each for each in ends if each.stamp <= scope.now and scope.agent in ("", each.source)]
+        ends = [each for each in scope.until_now(ends) if scope.agent in ("", each.source)]
         clauses += [scope.speech.ended(each) for each in ends[:MOST_NAMED]]
     if not clauses and is_all:
         begin_s, end_s = scope.span()
         text = scope.speech.about(scope.agent, scope.speech.say("nothing_failed"))
         clause = Clause(text, (), Claim("nothing_failed", scope.agent, at_s=begin_s, until_s=end_s))
         clauses = [clause if scope.question.event is None else scope.speech.within(clause, begin_s, end_s)]
-    return (scope.joined(clauses), clauses) if clauses else None
+    return scope.told(clauses)
 
 
 def doing(scope: Scope) -> Told | None:
     seconds, stamp = scope.moment()
     deeds = [each for each in scope.subjects.deeds if scope.is_meant(each)]
     if scope.question.span_s is not None:
-        return _listed_deeds(scope, scope.up_to_now()) or _idle_in(scope, scope.question.span_s)
+        return scope.told_deeds(scope.up_to_now()[-MOST_NAMED:]) or _idle_in(scope, scope.question.span_s)
     if scope.question.event is not None:
-        deeds = scope.in_time(each for each in deeds if each.stamp <= scope.now)
-        place = -1 if scope.question.event.relation == "before" else 0
+        deeds = scope.in_time(scope.until_now(deeds))
         if deeds:
-            return _listed_deeds(scope, [deeds[place]])
+            return scope.told_deeds([deeds[-1 if scope.question.event.relation == "before" else 0]])
         deeds = [each for each in scope.subjects.deeds if scope.is_meant(each)]
     if scope.question.ordinal is not None:
         deed = scope.numbered(scope.up_to_now())
         if deed is not None or scope.question.event is None:
-            return None if deed is None else _listed_deeds(scope, [deed])
+            return None if deed is None else scope.told_deeds([deed])
     if scope.question.at_s is None and scope.question.is_past:
-        return _listed_deeds(scope, scope.of_persons(each for each in deeds if each.stamp <= scope.now))
+        return scope.told_deeds(scope.of_persons(scope.until_now(deeds))[-MOST_NAMED:])
     under_way = [each for each in deeds if each.stamp <= stamp and _is_under_way(scope, each, stamp)]
     if not under_way and scope.question.at_s is not None:
-        under_way = [each for each in near(deeds, stamp, 1.0) if each.stamp <= scope.now]
+        under_way = scope.until_now(near(deeds, stamp, 1.0))
     if not under_way and scope.question.is_later:
         under_way = [each for each in deeds if stamp < each.stamp <= scope.now][:MOST_NAMED]
     if under_way:
-        return _listed_deeds(scope, under_way)
+        return scope.told_deeds(under_way[-MOST_NAMED:])
     before = [each for each in deeds if each.stamp <= stamp]
     text = scope.speech.about(scope.agent, scope.speech.say("nothing_done"))
     nothing = Clause(text, (), Claim("did_not", scope.only_agent(), (), seconds, seconds))
@@ -216,9 +210,9 @@ def ahead(scope: Scope) -> Told | None:
     ][:MOST_NAMED]
     question = scope.question
     if not wanted and question.is_past and question.at_s is None and question.event is None:
-        had = _had_wanted(scope)  # "What was your goal?"
+        had = scope.told(_had_wanted(scope))  # "What was your goal?"
         if had:
-            return scope.joined(had), had
+            return had
     nothing = scope.speech.about(scope.agent, scope.speech.say("nothing_next"))
     clauses = wanted or [Clause(nothing, (), Claim("nothing_wanted", scope.only_agent(), at_s=seconds))]
     told = scope.speech.then(seconds, scope.joined(clauses))
@@ -233,7 +227,7 @@ def ahead(scope: Scope) -> Told | None:
 def _had_wanted(scope: Scope) -> list[Clause]:
     """Return the last desires and goals that served no other one, each with the time of its adoption."""
     adopted = [each for each in scope.history if each.kind in _WANTED and scope.agent in ("", each.source)]
-    adopted = [each for each in scope.in_time(adopted) if each.stamp <= scope.now]
+    adopted = scope.until_now(scope.in_time(adopted))
     own = [each for each in adopted if not any(one.kind in _WANTED for one in scope.history.before(each))]
     clauses = []
     for each in own[-MOST_NAMED:]:
@@ -259,12 +253,6 @@ def _silence(scope: Scope, begin_s: float, end_s: float) -> Clause:
 
 def _when_done(scope: Scope, deed: TraceRecord) -> str:
     return scope.speech.when(scope.history.seconds(deed.stamp))
-
-
-def _listed_deeds(scope: Scope, deeds: Sequence[TraceRecord]) -> Told | None:
-    shown = deeds[-MOST_NAMED:]
-    clauses = [scope.speech.did(each, scope.subjects.topic_of(each)) for each in shown]
-    return (scope.joined(clauses), clauses) if clauses else None
 
 
 def _is_under_way(scope: Scope, record: TraceRecord, stamp: int) -> bool:

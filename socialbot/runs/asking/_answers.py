@@ -86,35 +86,33 @@ def answer(
     if agent and agent not in history.agents:
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
-    facts = facts_of(run, asked_as)
+    facts, now_s = facts_of(run, asked_as), _asked_at_s(run, at_s)
+
+    def answered(question: Question) -> Answer:
+        asked = with_time(question, now_s)
+        return _Answering(run, facts, asked, now_s, speaker, agent, spoken=spoken).answer(text)
+
     main = _AND_WHY.sub("", text)  # "Did you greet t2, and why?"
     found = candidates(main, facts.subjects, language)
     if not found:
-        nothing = Question(None, language if language in LANGUAGES else "en")
-        return answered(run, facts, nothing, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
-    answers = [
-        answered(run, facts, each.question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
-        for each in found
-    ]
+        return answered(Question(None, language if language in LANGUAGES else "en"))
+    answers = [answered(each.question) for each in found]
     shares = ranked(found, answers, facts.subjects)
     place, probability = shares[0]
     confidence = round(probability, 3)
     known = [(answers[n], share) for n, share in shares if answers[n].known and not found[n].question.has_unknown_name]
-    asked_at_s = _asked_at_s(run, at_s) if spoken else None
-    options = offered(known, SURE, asked_at_s)
+    options = offered(known, SURE, now_s if spoken else None)
     best = found[place]
     told = answers[place]
     if probability < SURE or options:
-        question = replace(best.question, kind=None)
-        told = answered(run, facts, question, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+        told = answered(replace(best.question, kind=None))
     if options:
         back = asking_back([each.question for each in options])
         told = msgspec.structs.replace(told, text=back, options=tuple(options))
     elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
         told = _without_record(told, names[:_MOST_UNRECORDED], text)
     elif main != text and told.clauses[0].claim.kind in ("did", "said"):
-        reason = replace(best.question, kind="why")
-        because = answered(run, facts, reason, text, at_s=at_s, speaker=speaker, agent=agent, spoken=spoken)
+        because = answered(replace(best.question, kind="why"))
         told = _with_reason(told, because) if because.known else told
     return msgspec.structs.replace(told, confidence=confidence)
 
@@ -164,7 +162,7 @@ def answer_heard(
     }
     if first.known or not unknown:
         return texts[0], first
-    negations = {one[0] for one in LANGUAGES[first.language].phrases["not"] if len(one) == 1}
+    negations = LANGUAGES[first.language].single_words("not")
     words = tokens(texts[0])
     for text in (*texts[1:], _with_names(texts[0], unknown, names)):
         others = tokens(text)
@@ -242,22 +240,6 @@ def _facts(run: RunView, asked_as: str) -> Facts:
     return Facts(Subjects(run.history, run.wording, vocabulary, run.rules, asked_as))
 
 
-def answered(
-    run: RunView,
-    facts: Facts,
-    question: Question,
-    text: str,
-    *,
-    at_s: float | None = None,
-    speaker: str = "",
-    agent: str = "",
-    spoken: bool = False,
-) -> Answer:
-    """Return the answer to a question as it was understood."""
-    now_s = _asked_at_s(run, at_s)
-    return _Answering(run, facts, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
-
-
 def _asked_at_s(run: RunView, at_s: float | None) -> float:
     """Return the time (s) of a question in a run: by default its end."""
     end_s = run.history.seconds(run.end) if len(run.history) else 0.0
@@ -328,7 +310,7 @@ class _Answering(Whether):
         if not topics:
             return None
         asked = replace(self.question, topics=topics, person=other.person, contrast=None, kind="why_not")
-        foil = _Answering(self.run, self.facts, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken)
+        foil = self._beside(asked)
         if foil.persons == [NOBODY]:
             return None
         told = foil._why_not()
@@ -357,7 +339,7 @@ class _Answering(Whether):
 
     def _undescribed(self) -> TraceRecord | None:
         """Return the deed of a question without a known deed: what was said, or what was done at a time or last."""
-        deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and self.is_meant(each)]
+        deeds = self.meant_until_now()
         if self.question.says:
             return next(reversed(self.quoted(deeds, self.question.says)), None)
         if self.question.unknown:
@@ -398,7 +380,7 @@ class _Answering(Whether):
             if self.question.at_s is not None:
                 deeds = near(deeds, self.history.stamp(self.question.at_s), NEAR_S)
             elif self.question.ordinal is not None:
-                deeds = [one for one in [self.numbered(deeds)] if one is not None]
+                deeds = self.one_of(deeds)
             elif event is not None and event.is_near:
                 deeds = deeds[-1:] if event.relation == "before" else deeds[:1]
             return self._listed(deeds) if deeds else self._left_undone()
@@ -438,10 +420,8 @@ class _Answering(Whether):
     def _how_long(self) -> Told | None:
         """Return when people were here; for a deed also when it was done; for a time between events both of them."""
         if self.question.between is not None:
-            stays = [each for each in self.facts.visits if each.person in self.event_persons]
-            clauses = [self.speech.did(each, self.subjects.topic_of(each)) for each in self.between]
-            clauses += [stay(self, each) for each in stays if not self.between and each.first.stamp <= self.now]
-            return (self.joined(clauses), clauses) if clauses else None
+            stays = [each for each in self.visits() if each.person in self.event_persons]
+            return self.told_deeds(self.between) or self.told([stay(self, each) for each in stays])
         if self.topic is None:
             return self._who()
         deed = self.chosen()

@@ -54,7 +54,7 @@ def _place_in_plan(speech: Speech, deed: TraceRecord) -> list[Clause]:
         text += f" of {owner} plan for {plan.what}"
         value = float(place) if place else None
         what = (deed.what, plan.what)
-        claim = Claim("planned", plan.source, what, facts.seconds(deed.stamp), value=value)
+        claim = Claim("planned", plan.source, what, facts.history.seconds(deed.stamp), value=value)
         clauses.append(Clause(text, (deed.id, plan.id), claim))
     wanted = plan if plan is not None else deed
     desire = next((each for each in facts.history.before(wanted) if each.kind == "desire"), None)
@@ -62,7 +62,7 @@ def _place_in_plan(speech: Speech, deed: TraceRecord) -> list[Clause]:
     if asked is not None:
         clauses.append(speech.narrated(asked, "asked"))
     elif desire is not None and " " in desire.cause and facts.history.cause(desire) is None:
-        claim = Claim("outside", desire.source, (desire.cause,), facts.seconds(desire.stamp))
+        claim = Claim("outside", desire.source, (desire.cause,), facts.history.seconds(desire.stamp))
         clauses.append(Clause(desire.cause, (desire.id,), claim))
     return clauses
 
@@ -85,7 +85,7 @@ def _nearest_cause(speech: Speech, deed: TraceRecord) -> list[Clause]:
         return []
     rule = str(plan.detail.get("label") or head_of(str(plan.detail.get("rule") or plan.what)))
     text = f"{'my' if speech.is_single else 'its'} rule '{rule}' was chosen"
-    return [Clause(text, (plan.id,), Claim("chose", plan.source, (rule,), facts.seconds(plan.stamp)))]
+    return [Clause(text, (plan.id,), Claim("chose", plan.source, (rule,), facts.history.seconds(plan.stamp)))]
 
 
 def _claim_of(record: TraceRecord) -> ClaimKind:
@@ -133,7 +133,7 @@ def contrast(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | 
             and held.at(foil.stamp)
         ):
             clause = condition
-    return None if clause is None else speech.at(clause, facts.seconds(foil.stamp))
+    return None if clause is None else speech.at(clause, facts.history.seconds(foil.stamp))
 
 
 def _step_before(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | None:
@@ -269,7 +269,7 @@ def _rejected(
             named = {*arguments_of(because.partition(")")[0] + ")")} & {*facts.subjects.persons}
             is_meant = not persons or not named or not named.isdisjoint(persons)
             if plan in plans and because and is_meant:
-                seconds = facts.seconds(record.stamp)
+                seconds = facts.history.seconds(record.stamp)
                 claim = Claim("rejected", record.source, (plan, because), seconds)
                 clause = Clause(f'a rule for it was rejected: "{because}"', (record.id,), claim)
                 return speech.at(clause, seconds)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Literal
 
+from socialbot.runs.asking._words import is_at, starts
 from socialbot.runs.asking.languages import INTERROGATIVES, Language
 
 Relation = Literal["after", "before", "when"]
@@ -56,12 +57,11 @@ def without_report(words: Sequence[str], language: Language) -> Parts | None:
     A person in front of the indirect question has done that: ``Can somebody tell me why you left?`` only asks.
     """
     asking = [one for name in INTERROGATIVES for one in language.phrases[name]] + list(language.phrases["complement"])
-    past = {one[0] for one in language.phrases["past"]} | _ASKED
-    people = {one[0] for name in ("people", "them") for one in language.phrases[name]}
-    mine = {one[0] for one in language.phrases["me"]}
+    past, mine = language.first_words("past") | _ASKED, language.first_words("me")
+    people = language.first_words("people", "them")
     for place in range(2, len(words) - 1):
         before = words[:place]
-        if not any(_is_at(phrase, words, place) for phrase in asking) or not _ASKED.intersection(before):
+        if not any(is_at(phrase, words, place) for phrase in asking) or not _ASKED.intersection(before):
             continue
         verb = next(n for n, word in enumerate(before) if word in _ASKED)
         named = [n for n in range(place) if n and before[n].isdigit() and before[n - 1] == "t"]
@@ -100,22 +100,22 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
     if len(words) > 4 and (words[1], words[2] in _HEARING, words[3]) == ("you", True, "me"):
         return [words[0], "i", *words[4:]]  # "Did you hear me say ...?"
     asking = [one for name in INTERROGATIVES for one in language.phrases[name] if one[0] not in _INDEFINITE]
-    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
-    people = {one[0] for name in ("people", "them") for one in language.phrases[name]} | {"t"}
+    thinking, aside = language.first_words("matrix"), _function_words(language)
+    people = language.first_words("people", "them") | {"t"}
     for place, word in enumerate(words):
         before = words[:place]
         is_event = (word,) in language.phrases["event when"] and (words[0],) in language.phrases["past"]
-        is_asking = any(_is_at(phrase, words, place) for phrase in asking)
+        is_asking = any(is_at(phrase, words, place) for phrase in asking)
         # "Quote what you said": a verb in front of an interrogative asks, too.
         asks = thinking.intersection(before) or (place == 1 and before[0] not in language.known_words)
-        is_where = any(_is_at(phrase, words, place) for phrase in language.phrases["where"])
+        is_where = any(is_at(phrase, words, place) for phrase in language.phrases["where"])
         if TELLS.intersection(before[:2]) and (is_where or people.intersection(before[2:])):
             continue  # "Did you tell me where ...?" and "Did you tell t1 why ...?" ask what was told
         if place and is_asking and not is_event and asks:
             return list(words[place:])
         for phrase in language.phrases["complement"]:
             is_linked = len(phrase) > 1 or thinking.intersection(before)
-            if place and is_linked and _is_at(phrase, words, place):
+            if place and is_linked and is_at(phrase, words, place):
                 return list(words[place + len(phrase) :])
         if word not in thinking and word not in aside and (place or word in language.known_words):
             break
@@ -124,8 +124,8 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
 
 def _without_end(words: Sequence[str], language: Language) -> Sequence[str]:
     """Return words without another question at their end: ``..., do you know?``, ``... or did you not?``."""
-    asking = {one[0] for name in INTERROGATIVES for one in language.phrases[name]}
-    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    asking = language.first_words(*INTERROGATIVES)
+    thinking, aside = language.first_words("matrix"), _function_words(language)
     if len(words) > 3 and words[-1] in _TAGS and words[-2] not in (*language.auxiliaries, "the", "your", "my", "to"):
         words = words[:-1]
     for place in range(3, len(words)):
@@ -143,24 +143,23 @@ def _without_end(words: Sequence[str], language: Language) -> Sequence[str]:
 
 
 def _function_words(language: Language) -> set[str]:
-    names = ("you", "me", "them", "not", "auxiliary", "present", "past", "future", "filler")
-    return {one[0] for name in names for one in language.phrases[name] if len(one) == 1}
+    return language.single_words("you", "me", "them", "not", "auxiliary", "present", "past", "future", "filler")
 
 
 def without_contrast(words: Sequence[str], language: Language) -> Parts | None:
     """Split off who or what is contrasted: ``and not t2``, ``rather than t2``, ``but t2 did not``; None without it."""
     for phrase in language.phrases["why not"]:
         for place in range(2, len(words) - len(phrase)):
-            if _is_at(phrase, words, place):
+            if is_at(phrase, words, place):
                 # "You helped t1, so why not t2?"
                 return Parts((phrase[0], *words[:place]), tuple(words[place + len(phrase) :]), is_denied=True)
     for place in range(2, len(words)):
         for phrase in language.phrases["rather"]:
-            if _is_at(phrase, words, place):
+            if is_at(phrase, words, place):
                 return Parts(tuple(words[:place]), tuple(words[place + len(phrase) :]))
         for phrase in language.phrases["but"]:
             rest = words[place + len(phrase) :]
-            if not _is_at(phrase, words, place) or len(rest) > _MOST_WORDS:
+            if not is_at(phrase, words, place) or len(rest) > _MOST_WORDS:
                 continue
             denied = _without(rest, language.phrases["not"])
             if len(denied) < len(rest):
@@ -182,7 +181,7 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
     for place in range(len(words) - 1):
         for relation in relations:
             for phrase in sorted(language.phrases[f"event {relation}"], key=len, reverse=True):
-                if not _is_at(phrase, words, place) or place + len(phrase) == len(words):
+                if not is_at(phrase, words, place) or place + len(phrase) == len(words):
                     continue
                 rest = words[place + len(phrase) :]
                 if rest[0] in language.auxiliaries or (place < 2 and phrase[0] == language.sentences["and"]):
@@ -204,7 +203,7 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 begins = [
                     n
                     for n in range(2, len(rest) - 1)
-                    if is_front and any(_is_at(one, rest, n) for one in asking) and rest[n + 1] not in _INVERTED
+                    if is_front and any(is_at(one, rest, n) for one in asking) and rest[n + 1] not in _INVERTED
                 ]
                 asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))
                 begin = next(asks, next(iter(begins), None))
@@ -221,18 +220,17 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
 def without_between(words: Sequence[str], language: Language) -> Parts | None:
     """Split off two events that the time is between: ``between the bathroom and the kitchen``; None without them."""
     linking = language.sentences["and"]
-    asking = {one[0] for name in INTERROGATIVES for one in language.phrases[name]} | language.auxiliaries
-    for (between,) in (one for one in language.phrases["between"] if len(one) == 1):
-        for place in (n for n, word in enumerate(words) if word == between):
-            rest = words[place + 1 :]
-            link = next((n for n in range(1, len(rest) - 1) if rest[n] == linking), None)
-            if link is None:
-                continue
-            end = next((n for n in range(link + 2, len(rest)) if place < 2 and rest[n] in asking), len(rest))
-            main = (*words[:place], *rest[end:])
-            if main:
-                main, until = _with_verb(main, rest[link + 1 : end], language)
-                return Parts(main, event=tuple(rest[:link]), relation="after", until=until)
+    asking = language.first_words(*INTERROGATIVES) | language.auxiliaries
+    for place in (n for n, word in enumerate(words) if word in language.single_words("between")):
+        rest = words[place + 1 :]
+        link = next((n for n in range(1, len(rest) - 1) if rest[n] == linking), None)
+        if link is None:
+            continue
+        end = next((n for n in range(link + 2, len(rest)) if place < 2 and rest[n] in asking), len(rest))
+        main = (*words[:place], *rest[end:])
+        if main:
+            main, until = _with_verb(main, rest[link + 1 : end], language)
+            return Parts(main, event=tuple(rest[:link]), relation="after", until=until)
     return None
 
 
@@ -251,18 +249,13 @@ def _with_verb(main: Sequence[str], end: Sequence[str], language: Language) -> t
 
 def _without(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> list[str]:
     """Return words without those of phrases."""
-    taken = {place + n for phrase in phrases for place in range(len(words)) if _is_at(phrase, words, place)
-             for n in range(len(phrase))}  # fmt: skip
+    taken = {place + n for phrase in phrases for place in starts(phrase, words) for n in range(len(phrase))}
     return [word for place, word in enumerate(words) if place not in taken]
 
 
 def _asks(pair: Sequence[str], language: Language) -> bool:
     """Return whether two words begin a question to the robot: ``did you``."""
     return pair[0] in language.auxiliaries and tuple(pair[1:]) in language.phrases["you"]
-
-
-def _is_at(phrase: Sequence[str], words: Sequence[str], place: int) -> bool:
-    return tuple(words[place : place + len(phrase)]) == tuple(phrase)
 
 
 _BEFORE_QUESTION = 5
@@ -275,9 +268,9 @@ def is_question(words: Sequence[str], language: Language) -> bool:
     An interrogative may also follow words that only ask, such as ``please tell me``.
     """
     asking = [one for name in INTERROGATIVES for one in language.phrases[name]]
-    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    thinking, aside = language.first_words("matrix"), _function_words(language)
     for place, word in enumerate(words[: _BEFORE_QUESTION + 1]):
-        if any(_is_at(phrase, words, place) for phrase in asking):
+        if any(is_at(phrase, words, place) for phrase in asking):
             return True
         if place == 0 and word in language.auxiliaries and len(words) > 2:
             is_denied = tuple(words[1:2]) in language.phrases["not"]  # "Do not call Anna" is no question.

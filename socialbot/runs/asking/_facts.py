@@ -8,7 +8,7 @@ from functools import cached_property
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._topics import Subjects, arguments_of, persons_in
 from socialbot.runs.history import History
 
 GAP_S = 3.0
@@ -208,9 +208,6 @@ class Facts:
         failures = (each for each in self.failures if each.stamp <= stamp)
         return any(goal == cause.id for each in failures for cause in self.history.before(each))
 
-    def seconds(self, stamp: int) -> float:
-        return self.history.seconds(stamp)
-
 
 def record_agent(history: History, record: TraceRecord) -> str:
     """Return the node of the agent behind a record of an action, a step or an utterance."""
@@ -218,13 +215,6 @@ def record_agent(history: History, record: TraceRecord) -> str:
         return record.source
     behind = (each.source for each in history.before(record) if each.kind not in ("utterance", "speech", "detection"))
     return next(behind, "")
-
-
-def persons_in(record: TraceRecord) -> list[str]:
-    """Return the track ids in a detection record; none for other records."""
-    if record.kind != "detection":
-        return []
-    return [str(each["track_id"]) for each in record.detail.get("persons", ()) if each.get("track_id")]
 
 
 def near_or_later(

@@ -9,7 +9,7 @@ from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import without_matrix
-from socialbot.runs.asking._main_verb import clause_verb
+from socialbot.runs.asking._doer import clause_verb
 from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of, named_deeds
 from socialbot.runs.asking._question import Question
 from socialbot.runs.asking._references import (
@@ -24,7 +24,6 @@ from socialbot.runs.asking._references import (
     take_time,
 )
 from socialbot.runs.asking._sentences import kind_of_name
-from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.asking._word_classes import (
     classify,
@@ -34,7 +33,7 @@ from socialbot.runs.asking._word_classes import (
     tells_exactly,
     words_of_deeds,
 )
-from socialbot.runs.asking._words import FORM, NUMBER_WORDS, occurrences, stem, tokens
+from socialbot.runs.asking._words import FORM, NUMBER_WORDS, corrected, occurrences, starts, stem, tokens
 from socialbot.runs.asking.languages import INTERROGATIVES, LANGUAGES, Language, lexicon
 
 VERBS = (
@@ -133,9 +132,9 @@ def _without_called(words: Sequence[str], subjects: Subjects, language: Language
     """Return words with only the name of ``a person called Ann``."""
     names, people = subjects.names | subjects.argument_names.keys(), language.phrases["people"]
     for phrase in language.phrases["called"]:
-        for n in range(1, len(words) - len(phrase)):
+        for n in starts(phrase, words):
             end = n + len(phrase)
-            if tuple(words[n:end]) == phrase and (words[n - 1],) in people and words[end] in names:
+            if n > 0 and end < len(words) and (words[n - 1],) in people and words[end] in names:
                 begin = n - 2 if n > 1 and (words[n - 2],) in language.phrases["article"] else n - 1
                 return [*words[:begin], *words[end:]]
     return list(words)
@@ -198,20 +197,17 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     if verb is not None and verb - 1 in people and person is not None and _PASSING.intersection(
         reading.words[verb + 1 : verb + 2]
     ):  # fmt: skip
-        reading.found.setdefault("here", []).append((1.0, (verb, verb + 1)))  # "When did t1 stroll in?"
-        reading.taken |= {verb, verb + 1}
+        reading.take("here", verb, verb + 1)  # "When did t1 stroll in?"
         explained |= {verb}
     for place in reading.free():
         name = subjects.argument_names.get(reading.words[place])
         if name is not None:  # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
             things[name] = reading.words[place - 1] if place else ""
-            reading.found.setdefault("thing", []).append((1.0, (place,)))
-            reading.taken.add(place)
+            reading.take("thing", place)
     kinds = {stem(kind) for kind in subjects.kinds if len(kind) > 1}
     for place in reading.free():  # "Did you drop a box?" says what kind of thing it is.
         if stem(reading.words[place]) in kinds and not "".join(reading.words[place + 1 : place + 2]).isdigit():
-            reading.found.setdefault("kind", []).append((1.0, (place,)))
-            reading.taken.add(place)
+            reading.take("kind", place)
     leaves = tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes")
     if person is not None and person.ordinal is not None and leaves and _is_by_departure(reading, person.ordinal):
         person = replace(person, leaves=True)
@@ -235,15 +231,14 @@ def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int])
     if person.ordinal is None or not referred:
         return False
     phrases, before = reading.language.phrases, reading.words[: min(referred)]
-    asking = {one[0] for name in ("who", "what", "which") for one in phrases[name] if len(one) == 1}
+    asking = reading.language.single_words("who", "what", "which")
     others = {word for name in ("being", "article") for phrase in phrases[name] for word in phrase}
     return not asking.isdisjoint(before) and (asking | others).issuperset(before)
 
 
 def _is_by_departure(reading: Reading, ordinal: int) -> bool:
     """Return whether people are counted as they leave: ``the last visitor left``, ``the first person to leave``."""
-    leaving = {one[0] for one in reading.language.phrases["leaves"] if len(one) == 1}
-    words = reading.words
+    leaving, words = reading.language.single_words("leaves"), reading.words
     return ordinal < 0 or any(words[n] in leaving and words[n - 1] in _BEFORE_DEPARTURE for n in range(1, len(words)))
 
 
@@ -264,8 +259,7 @@ def _release_deeds(reading: Reading, subjects: Subjects) -> None:
 
 def _thing_kind(reading: Reading, subjects: Subjects) -> str:
     """Return the kind of things of ``which box``; empty for agents and other words."""
-    words, phrases = reading.words, reading.language.phrases
-    asking = {one[0] for name in ("which", "what") for one in phrases[name] if len(one) == 1}
+    words, asking = reading.words, reading.language.single_words("which", "what")
     asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in asking), "")
     agents = {kind_of_name(agent) for agent in subjects.agents}
     return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
@@ -287,8 +281,7 @@ def _take_left_out(reading: Reading) -> bool:
     others = reading.has("why", "say", "see", "happen", "fail")
     if not places or others or not reading.has("who", "people"):
         return False
-    reading.found.setdefault("not", []).append((1.0, tuple(sorted(places))))
-    reading.taken |= places
+    reading.take("not", *sorted(places))
     return True
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._facts import Presence, persons_in
+from socialbot.runs.asking._facts import Presence
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause
+from socialbot.runs.asking._topics import persons_in
 
 SIDES = ("left", "middle", "right")
 """Thirds of a picture."""
@@ -22,9 +23,8 @@ def visitors(scope: Scope) -> Told | None:
         if scope.question.person is None:
             return _neighbour(scope, after=event.relation == "after")
         # "Did t1 come before t2?": both visits
-        compared = [each for each in scope.facts.visits if each.person in (*scope.persons, *scope.event_persons)]
-        clauses = [stay(scope, each) for each in compared if each.first.stamp <= scope.now]
-        return (scope.joined(clauses), clauses) if clauses else None
+        compared = [each for each in scope.visits() if each.person in (*scope.persons, *scope.event_persons)]
+        return scope.told([stay(scope, each) for each in compared])
     if event is not None and event.relation != "when" and scope.persons and scope.event_deed is not None:
         # "Did t1 leave before you greeted t2?": the visit and the deed
         clauses = [stay(scope, each) for each in _visits(scope)]
@@ -48,16 +48,13 @@ def _deeds_with_names(scope: Scope) -> Told | None:
     names = set(scope.question.things)
     if not names or scope.question.unknown or not names <= {*scope.subjects.argument_names.values()}:
         return None
-    deeds = scope.in_time(each for each in scope.subjects.deeds if each.stamp <= scope.now and scope.is_meant(each))
-    clauses = [scope.speech.did(each, scope.subjects.topic_of(each)) for each in deeds[:MOST_NAMED]]
-    return (scope.joined(clauses), clauses) if clauses else None
+    return scope.told_deeds(scope.in_time(scope.meant_until_now())[:MOST_NAMED])
 
 
 def _neighbour(scope: Scope, *, after: bool) -> Told | None:
     """Return the visit that began next after the event of the question, or last before it."""
     assert scope.event_s is not None
-    stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
-    begun = [(scope.history.seconds(each.first.stamp), each) for each in stays]
+    begun = [(scope.history.seconds(each.first.stamp), each) for each in scope.visits()]
     found = [each for at_s, each in begun if (at_s > scope.event_s if after else at_s < scope.event_s)]
     if not found:
         return None
@@ -116,7 +113,7 @@ def whereabouts(scope: Scope) -> Told | None:
     persons = scope.facts.concerned(deed) if deed is not None else scope.persons
     frame = scope.facts.frame(scope.moment()[1] if deed is None else deed.stamp)
     if deed is None and not has_time:
-        stays = [each for each in scope.facts.visits if each.person in persons and each.first.stamp <= scope.now]
+        stays = [each for each in scope.visits() if each.person in persons]
         frame = min((each.last for each in stays[-1:]), key=lambda last: last.stamp, default=None)
         if frame is not None and frame.stamp > scope.now:
             frame = scope.facts.frame(scope.now)
@@ -133,7 +130,7 @@ def whereabouts(scope: Scope) -> Told | None:
 def count_people(scope: Scope) -> Told | None:
     if scope.question.at_s is not None:
         return seen(scope)
-    if not any(each.first.stamp <= scope.now for each in scope.facts.visits):
+    if not scope.visits():
         return _nobody(scope)
     clause = _people_counted(scope)
     return clause.text, [clause]
@@ -141,7 +138,7 @@ def count_people(scope: Scope) -> Told | None:
 
 def _visits(scope: Scope) -> list[Presence]:
     """Return the visits in question, in order of arrival."""
-    stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
+    stays = scope.visits()
     if scope.persons:
         stays = [each for each in stays if each.person in scope.persons]
     if scope.question.span_s is not None:
@@ -219,5 +216,4 @@ def _sensed(scope: Scope, stamp: int) -> Told | None:
         for each in scope.facts.beliefs
         if each.at(stamp) and each.record.detail.get("source") == "percept" and scope.agent in ("", each.agent)
     ]
-    clauses = [scope.speech.believed(each, stamp) for each in held[-3:]]
-    return (scope.joined(clauses), clauses) if clauses else None
+    return scope.told([scope.speech.believed(each, stamp) for each in held[-3:]])

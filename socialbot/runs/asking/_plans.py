@@ -25,8 +25,7 @@ def steps(scope: Scope) -> Told | None:
     ]
     newest = {(each.source, each.what): each for each in _named(scope, started)}
     longest = sorted(newest.values(), key=lambda each: -len(each.detail["steps"]))
-    clauses = [clause for plan in longest for clause in _steps_of(scope, plan)][:MOST_NAMED]
-    return (scope.joined(clauses), clauses) if clauses else None
+    return scope.told([clause for plan in longest for clause in _steps_of(scope, plan)][:MOST_NAMED])
 
 
 def _steps_of(scope: Scope, plan: TraceRecord) -> list[Clause]:
@@ -63,21 +62,18 @@ def replanned(scope: Scope) -> Told | None:
         if each.detail.get("outcome") != "succeeded" and last.get((each.source, each.what), -1) >= each.stamp
     ]
     if scope.question.ordinal is not None:
-        found = [one for one in [scope.numbered(found)] if one is not None]
-    clauses = [scope.speech.ended(each) for each in found[-MOST_NAMED:]]
-    return (scope.joined(clauses), clauses) if clauses else None
+        found = scope.one_of(found)
+    return scope.told([scope.speech.ended(each) for each in found[-MOST_NAMED:]])
 
 
 def ended(scope: Scope) -> Told | None:
     """Return how the plans in question ended: those whose goal or desire the words name, or else the last one."""
-    chosen = [one for one in [scope.numbered(_ends(scope))] if one is not None]
-    clauses = [scope.speech.ended(each) for each in chosen]
-    return (scope.joined(clauses), clauses) if clauses else None
+    return scope.told([scope.speech.ended(each) for each in scope.one_of(_ends(scope))])
 
 
 def _ends(scope: Scope) -> list[TraceRecord]:
     """Return the ends of plans of the agent, things, goal and time in question."""
-    found = [each for each in scope.facts.plan_ends if each.stamp <= scope.now and scope.agent in ("", each.source)]
+    found = [each for each in scope.until_now(scope.facts.plan_ends) if scope.agent in ("", each.source)]
     found = _named(scope, [each for each in found if _is_named(each, scope)])
     if scope.question.at_s is not None:
         found = near(found, scope.history.stamp(scope.question.at_s), NEAR_S)

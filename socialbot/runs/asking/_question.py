@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from socialbot.runs.asking._clauses import (
-    Relation,
-)
-from socialbot.runs.asking._references import (
-    PersonReference,
-    Quantity,
-)
+from socialbot.runs.asking._clauses import Relation
+from socialbot.runs.asking._references import PersonReference, Quantity
 from socialbot.runs.asking._topics import Topic
 
 Kind = Literal[
@@ -104,6 +99,11 @@ class Question:
     asks_when: bool = False
     by_people: bool = False
     counts_people: bool = False
+
+    @property
+    def names(self) -> Set[str]:
+        """Names of things and agents in it."""
+        return {*self.things, self.agent} - {""}
 
     @property
     def has_unknown_name(self) -> bool:

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
+from socialbot.runs.asking._doer import PARTICLES
 from socialbot.runs.asking._facts import record_agent
-from socialbot.runs.asking._main_verb import PARTICLES
 from socialbot.runs.asking._parts import VERBS
 from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._readings import Candidate, asked_kind, concerns_kind
@@ -182,10 +182,9 @@ def _of_answer(each: Candidate, told: Answer) -> Iterator[tuple[str, float]]:
     yield f"tells {first.kind}", 1.0
     if question.is_synonym:
         yield f"tells {first.kind} by synonym", 1.0
-    names = {*question.things, *((question.agent,) if question.agent else ())}
-    if names:
+    if question.names:
         shown = " ".join(one for clause in told.clauses for one in (clause.text, *clause.claim.what))
-        yield "names told", sum(one in shown for one in names) / len(names)
+        yield "names told", sum(one in shown for one in question.names) / len(question.names)
     if question.at_s is not None and not question.ago and first.at_s is not None:
         yield "time told", float(abs(first.at_s - question.at_s) <= NEAR_S)
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._beliefs import asked_beliefs
 from socialbot.runs.asking._clauses import (
     TELLS,
     Parts,
@@ -20,9 +21,7 @@ from socialbot.runs.asking._clauses import (
     without_event,
     without_report,
 )
-from socialbot.runs.asking._doer import is_done_by_people
-from socialbot.runs.asking._main_verb import PARTICLES
-from socialbot.runs.asking._named_beliefs import asked_beliefs
+from socialbot.runs.asking._doer import PARTICLES, is_done_by_people
 from socialbot.runs.asking._named_deeds import NamedDeed
 from socialbot.runs.asking._parts import (
     GREETINGS,
@@ -40,7 +39,7 @@ from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._unrecorded import has_other_object, ids_without_records, names_without_records
 from socialbot.runs.asking._word_classes import places_of_class, tells, tells_exactly
-from socialbot.runs.asking._words import number_at, quoted_tokens, stem, tokens
+from socialbot.runs.asking._words import number_at, quoted_tokens, starts, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
 
 MOST_WORDS = 100
@@ -74,12 +73,9 @@ _OF_WORDS = {"said", "cause", "time"}
 """Evidence of the words of records only."""
 _MOST_SAID = 0.8
 """Least share of the words in question that a deed says."""
-_EVENTS = {
-    one[0]
-    for language in LANGUAGES.values()
-    for name in ("after", "before", "when")
-    for one in language.phrases[f"event {name}"]
-}
+_EVENTS = set[str]().union(
+    *(language.first_words("event after", "event before", "event when") for language in LANGUAGES.values())
+)
 """Words that begin a clause about the time."""
 _BESIDE_SAID = {
     "for", "about", "a", "an", "the", "my", "to", "see", "have", "get", "uber", "von", "nach", "um", "dem", "den",
@@ -94,7 +90,7 @@ _ARTICLES = {"the", "a", "an"}
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
-_COMMON = ENGLISH.known_words - {one[0] for name in ("why", "where") for one in ENGLISH.phrases[name]}
+_COMMON = ENGLISH.known_words - ENGLISH.first_words("why", "where")
 """Words that anybody says."""
 _MOVING = lexicon.meanings(("move",))
 _ORIGIN = (("from",), ("woher",), ("d", "ou"), ("de", "donde"))
@@ -427,9 +423,7 @@ def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterato
         unknown = tuple(reading.words[place] for place in free if place not in each.places)
         asked = replace(question, kind="believed", belief=each.name, unknown=unknown, asks_when=reading.has("when"))
         yield Candidate(asked, found, None, 0, each.fit)
-    asks_origin = any(
-        tuple(reading.words[n : n + len(one)]) == one for one in _ORIGIN for n in range(len(reading.words))
-    )
+    asks_origin = any(starts(one, reading.words) for one in _ORIGIN)
     is_thing = reading.has("where") and not asks_origin and (question.things or question.agent)
     if is_thing or _is_placed(reading, question):
         at_person = None if question.person is None else question.person.at_s
@@ -653,15 +647,14 @@ def _lacks_kind(deed: NamedDeed, reading: Reading, subjects: Subjects) -> bool:
 def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tuple[tuple[str, ...], Set[int]]:
     """Return the words of an utterance and their places: quoted ones, or those behind a verb of saying."""
     reading, words = found.reading, found.reading.words
-    start = next((n for n in range(len(words)) if quoted and (*words[n : n + len(quoted)],) == (*quoted,)), None)
-    if start is not None:
-        return tuple(quoted), set(range(start, start + len(quoted)))
+    if quoted and (places := starts(quoted, words)):
+        return tuple(quoted), set(range(places[0], places[0] + len(quoted)))
     said = reading.places("say")
     if not said:
         return (), set()
     named = found.referred | {n for n, word in enumerate(words) if word in subjects.argument_names}
     end = next((n for n in range(max(said) + 2, len(words)) if n in named), len(words))
-    others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
+    others = reading.language.first_words("people", "nobody", "all")
     if end == len(words) and words[-2] in _BEFORE_ADDRESSEE and words[-1] in others:
         end -= 1  # "thank you to anybody"
     begin = max(said) + 1
@@ -678,12 +671,10 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
         told = tuple(word for word in words[begin:end] if word not in reading.language.known_words)
         return (told, set(range(begin, end))) if told and subjects.is_quoted(told) else ((), set())
     names = {word for name in found.question.things for word in tokens(name)}
-    mine = {one[0] for one in reading.language.phrases["me"]}
+    mine = reading.language.first_words("me")
     while end - begin > 1 and words[begin] in {*INDEFINITE, *_BESIDE_SAID, *mine, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"
-    vague = {
-        one[0] for name in ("filler", "what", "me", "you") for one in reading.language.phrases[name] if len(one) == 1
-    } - GREETINGS
+    vague = reading.language.single_words("filler", "what", "me", "you") - GREETINGS
     event = next((n for n in range(begin + 1, end) if words[n] in _EVENTS), end)
     if not subjects.is_quoted(words[begin:end]):
         end = event  # "say goodbye when the person left"

@@ -13,11 +13,13 @@ from socialbot.runs.asking._words import (
     NUMBER_WORDS,
     digits,
     fraction_at,
+    is_at,
     likeness,
     number_at,
     ordinal_at,
     ordinal_in_digits,
     similarity,
+    starts,
     stem,
     tokens,
 )
@@ -54,6 +56,11 @@ class Reading:
     is_later: bool = False
     """Whether its time is that after which something was done: ``after 50 s``."""
 
+    def take(self, name: str, *places: int) -> None:
+        """Take the words at some places as a phrase of a class."""
+        self.found.setdefault(name, []).append((1.0, places))
+        self.taken |= set(places)
+
     def has(self, *names: str) -> bool:
         return any(self.found.get(name) for name in names)
 
@@ -69,7 +76,7 @@ class Reading:
     def is_asked_for(self, place: int) -> bool:
         """Return whether a word is that of ``which crane`` or ``how many kilos``."""
         before = (*self.language.phrases["which"], *self.language.phrases["how_many"])
-        return any(tuple(self.words[max(place - len(each), 0) : place]) == each for each in before)
+        return any(place >= len(each) and is_at(each, self.words, place - len(each)) for each in before)
 
 
 def digits_after_names(words: list[str], subjects: Subjects, language: Language) -> list[str]:
@@ -117,7 +124,7 @@ def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool,
         reading.is_later = words[_word_in_front(words, first)] in _LATER
         behind = reading.language.code == "en"  # "bei Sekunde 12 vor dir"
         ago = any(
-            one == tuple(words[last + 1 : last + 1 + len(one)] if behind else words[max(0, first - len(one)) : first])
+            is_at(one, words, last + 1) if behind else first >= len(one) and is_at(one, words, first - len(one))
             for one in phrases["ago"]
         )
         if reading.language.code == "de" and not any(words[place] in units for place in places):
@@ -128,7 +135,7 @@ def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool,
         for name in ("ago", "at"):
             for one in phrases[name]:
                 for start in (last + 1, first - len(one)):
-                    if start >= 0 and tuple(words[start : start + len(one)]) == one:
+                    if start >= 0 and is_at(one, words, start):
                         reading.taken |= set(range(start, start + len(one)))
         if by_time is not None:
             reading.taken |= {
@@ -140,10 +147,10 @@ def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool,
         for one in sorted(phrases[name], key=len, reverse=True):
             alike, places = likeness(one, words, 0)
             if alike > 0.95 and len(one) > 1:
-                reading.taken |= set(places)
                 if name == "start" and _names_person(reading, places[0]):
+                    reading.taken |= set(places)
                     return None, False, PersonReference(ordinal=1)
-                reading.found.setdefault(name, []).append((1.0, places))
+                reading.take(name, *places)
                 return value, False, None
     return None, False, None
 
@@ -332,17 +339,17 @@ def take_quantity(reading: Reading, *, is_named: bool) -> Quantity:
     found: dict[str, set[int]] = {"times": {place - one for place in counted for one in (0, 1)}, "others": set()}
     for name, places in found.items():
         for phrase in phrases[name]:
-            starts = [n for n in range(len(words)) if tuple(words[n : n + len(phrase)]) == phrase]
+            begins = starts(phrase, words)
             if phrase in phrases["event after"]:  # "once t2 had left" is no "once, haven't you?"
-                starts = [n for n in starts if {*words[n + 1 : n + 2]} <= reading.language.auxiliaries]
-            places.update(n + one for n in starts for one in range(len(phrase)))
-    whole = _DEFINITE | {one[0] for one in phrases["all"]}
+                begins = [n for n in begins if {*words[n + 1 : n + 2]} <= reading.language.auxiliaries]
+            places.update(n + one for n in begins for one in range(len(phrase)))
+    whole = _DEFINITE | reading.language.first_words("all")
     several = {n for n in numbers if n + 1 in people and (n == 0 or words[n - 1] not in whole)}
     places = found["times"] | found["others"] | several
     if not places:
         return ""
-    reading.found.setdefault("filler", []).extend((1.0, (place,)) for place in sorted(places))
-    reading.taken |= places
+    for place in sorted(places):
+        reading.take("filler", place)
     is_about_others = bool(found["others"] or several) and not found["times"]
     return "others" if is_about_others or (people and not is_named) else "times"
 
@@ -386,8 +393,8 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
         elif kind == "thing":
             things[name] = _word_before(reading, places[0])
         else:
-            reading.found.setdefault("named", []).append((1.0, places))
-            reading.found.setdefault(f"person {name}", []).append((1.0, places))
+            reading.take("named", *places)
+            reading.take(f"person {name}", *places)
     tails = Counter(tuple(phrase[1:]) for phrase, kind, _ in named if kind != "person")
     short = {phrase[1:]: name for phrase, kind, name in named if kind == "thing" and tails[phrase[1:]] == 1}
     for n in range(len(words) - 1):
@@ -463,8 +470,7 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
             if is_group:
                 return PersonReference(together=True)  # "the two people", "the couple"
         elif _is_pair(words, n) and n not in reading.taken:
-            reading.taken.add(n)
-            reading.found.setdefault("people", []).append((1.0, (n,)))
+            reading.take("people", n)
             return PersonReference(together=True)
     return None
 

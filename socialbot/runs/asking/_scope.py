@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._facts import Facts, near, record_agent
+from socialbot.runs.asking._facts import Facts, Presence, near, record_agent
 from socialbot.runs.asking._question import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Topic, arguments_of, has_word
@@ -118,7 +118,7 @@ class Scope:
             at = self.history.stamp(self.question.at_s)
             meant.sort(key=lambda each: min((abs(one.stamp - at) for one in near(each[1], at, NEAR_S)), default=at))
         for topic, found in meant:
-            before = [each for each in found if each.stamp <= self.now]
+            before = self.until_now(found)
             if before or (found and not later):
                 self.topic, later = topic, found
             if before:
@@ -158,13 +158,11 @@ class Scope:
         scope = Scope(self.run, self.facts, event.what, self.now_s, self.speaker, "", spoken=False)
         self.event_persons = scope.persons
         if event.heard is not None:
-            heard = [each for each in self.subjects.heard if each.stamp <= self.now]
-            heard = [each for each in heard if not scope.persons or each.detail.get("person") in scope.persons]
-            fitting = [each for each in heard if all(has_word(each.what, word) for word in event.heard)]
+            fitting = [each for each in scope.heard() if all(has_word(each.what, word) for word in event.heard)]
             return self.history.seconds(fitting[0 if event.relation == "before" else -1].stamp) if fitting else None
         if event.what.says:
-            said = [each for each in self.subjects.deeds if each.stamp <= self.now]
-            self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)
+            said = self.quoted(self.until_now(self.subjects.deeds), event.what.says)
+            self.event_deed = next(reversed(said), None)
             return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
         if event.what.topics:
             self.event_deed = scope.chosen()
@@ -174,7 +172,7 @@ class Scope:
                 later = (each for each in scope.of_persons(scope.deeds) if self.history.seconds(each.stamp) >= since_s)
                 self.event_deed = next(later, self.event_deed)
         elif event.what.things or event.what.agent:
-            deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and scope.is_meant(each)]
+            deeds = scope.meant_until_now()
             if not deeds and event.what.agent:  # "after the crate was put on the truck"
                 what = replace(event.what, agent="", things={**event.what.things, event.what.agent: ""})
                 return self._event_time(replace(event, what=what), since_s)
@@ -186,7 +184,7 @@ class Scope:
                 return None
             end = self.facts.over(self.event_deed) if event.relation == "after" else None
             return self.history.seconds((end or self.event_deed).stamp)
-        stays = [one for one in self.facts.visits if one.first.stamp <= self.now]
+        stays = self.visits()
         if not event.what.about_all:
             stays = [one for one in stays if one.person in scope.persons]
         if not stays:
@@ -304,7 +302,7 @@ class Scope:
 
     def _together(self) -> list[str]:
         """Return the newest people who were here at the same time."""
-        visits = [each for each in self.facts.visits if each.first.stamp <= self.now]
+        visits = self.visits()
         for newest in reversed(visits):
             same = [
                 each.person
@@ -316,7 +314,7 @@ class Scope:
         return [NOBODY]
 
     def _came(self, person: str) -> bool:
-        return any(each.person == person and each.first.stamp <= self.now for each in self.facts.visits)
+        return any(each.person == person for each in self.visits())
 
     def _asker(self) -> str:
         """Return the most likely speaker: somebody in view at the time in question, or whom the last deed concerned."""
@@ -335,7 +333,7 @@ class Scope:
         for deed in reversed(deeds):
             if found := [one for one in self.facts.concerned(deed) if one != "somebody"]:
                 return found[-1]
-        return next((each.person for each in reversed(self.facts.visits) if each.first.stamp <= self.now), "")
+        return next((each.person for each in reversed(self.visits())), "")
 
     def _all_people(self) -> list[str]:
         return [one for one in self.facts.arrivals if self._came(one)]
@@ -358,12 +356,30 @@ class Scope:
             return [each for each in records if asked <= {*self.facts.concerned(each)}]
         return [each for each in records if not asked or asked & {*self.facts.concerned(each)}]
 
+    def until_now(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
+        """Return the records up to the time of the question."""
+        return [each for each in records if each.stamp <= self.now]
+
+    def heard(self) -> list[TraceRecord]:
+        """Return what the people in question said until now."""
+        said = self.until_now(self.subjects.heard)
+        return [each for each in said if not self.persons or each.detail.get("person") in self.persons]
+
+    def visits(self) -> list[Presence]:
+        """Return the visits that began until now."""
+        return [each for each in self.facts.visits if each.first.stamp <= self.now]
+
     def numbered(self, records: Sequence[T]) -> T | None:
         place = self.question.ordinal
         if place is None:
             return records[-1] if records else None
         place = place - 1 if place > 0 else place
         return records[place] if -len(records) <= place < len(records) else None
+
+    def one_of(self, records: Sequence[T]) -> list[T]:
+        """Return only the record of the number in the question, or else the last one; none if there are not so many."""
+        chosen = self.numbered(records)
+        return [] if chosen is None else [chosen]
 
     def chosen(self) -> TraceRecord | None:
         """Return the deed that is meant: the one at the time or of the number in the question, or else the last."""
@@ -410,16 +426,27 @@ class Scope:
                 begin_s = self.event_s + _LATER_S  # the event itself does not count
             end_s = self.event_s + EVENT_S if relation == "when" else self.now_s
             return begin_s, min(max(0.0, self.event_s - 0.1) if relation == "before" else end_s, self.now_s)
-        stays = [each for each in self.facts.visits if each.person in self.persons and each.first.stamp <= self.now]
+        stays = [each for each in self.visits() if each.person in self.persons]
         if not stays:
             return 0.0, self.now_s
         return self.history.seconds(stays[0].first.stamp), min(self.now_s, self.history.seconds(stays[-1].last.stamp))
 
     def up_to_now(self) -> list[TraceRecord]:
         """Return the deeds of the agent, people and things in question until now."""
-        deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and self.is_meant(each)]
-        return self.in_time(self.of_persons(deeds))
+        return self.in_time(self.of_persons(self.meant_until_now()))
+
+    def meant_until_now(self) -> list[TraceRecord]:
+        """Return the deeds of the agent and things in question until now."""
+        return [each for each in self.until_now(self.subjects.deeds) if self.is_meant(each)]
 
     def joined(self, clauses: Sequence[Clause]) -> str:
         texts = [each.text for each in clauses]
         return ", ".join(texts[:-1]) + (f" {self.speech.say('and')} " if texts[1:] else "") + texts[-1] if texts else ""
+
+    def told(self, clauses: list[Clause]) -> Told | None:
+        """Return an answer of clauses; None without any."""
+        return (self.joined(clauses), clauses) if clauses else None
+
+    def told_deeds(self, deeds: Sequence[TraceRecord]) -> Told | None:
+        """Return an answer with deeds of any kind; None without any."""
+        return self.told([self.speech.did(each, self.subjects.topic_of(each)) for each in deeds])

@@ -206,7 +206,7 @@ class Speech:
         else:
             what = (call_of(record) or record.what,)
         text = declared or self._generic(record, agent)
-        seconds = facts.seconds(record.stamp)
+        seconds = facts.history.seconds(record.stamp)
         about = tuple(one for one in persons if declared is not None and "{person}" in _second(topic, self.language))
         kind: ClaimKind = "said" if record.kind == "utterance" and declared is None else "did"
         if record.kind in ("goal", "desire"):
@@ -272,7 +272,7 @@ class Speech:
         """Return the clause that something was believed at ``stamp``."""
         condition = self._condition(belief.what)
         persons = self._persons(belief.what)
-        seconds = self.facts.seconds(stamp)
+        seconds = self.facts.history.seconds(stamp)
         value, records = None, [belief.record.id]
         text = self._declared(condition.held, persons) if condition is not None else None
         if text is not None:
@@ -304,7 +304,7 @@ class Speech:
         text, value, records = self._measured(text, persons, stamp, agent)
         if text is None:
             return None
-        seconds = self.facts.seconds(stamp)
+        seconds = self.facts.history.seconds(stamp)
         claim = Claim("not_believed", agent, (name,), seconds, persons=tuple(persons), value=value)
         return Clause(text, tuple(records), claim)
 
@@ -332,7 +332,7 @@ class Speech:
         held = next((each for each in self.facts.held(found[1], person, agent) if each.at(stamp)), None)
         if held is None:
             return None, None, []
-        seconds = self.facts.seconds(stamp) - self.facts.seconds(held.begin)
+        seconds = self.facts.history.seconds(stamp) - self.facts.history.seconds(held.begin)
         return text.replace(found[0], self.number(seconds)), round(seconds, 6), [held.record.id]
 
     def _percept(self, belief: TraceRecord) -> TraceRecord | None:
@@ -348,7 +348,7 @@ class Speech:
         is_you = bool(person) and person == self.you
         named = self.people([person] if person else [])
         text = self.say("heard_you" if is_you else "heard", person=named, what=record.what)
-        seconds = self.facts.seconds(record.stamp)
+        seconds = self.facts.history.seconds(record.stamp)
         claim = Claim("heard", what=(record.what,), at_s=seconds, persons=(person,) if person else ())
         return self.at(Clause(text, (record.id,), claim), seconds)
 
@@ -359,7 +359,7 @@ class Speech:
         message = str(failure.detail.get("message") or "")
         what = infinitive(self._sentence(goal)) if self.language == "en" else goal.what
         text = self.about(failure.source, self.say("failed", what=what, why=f": {message}" if message else ""))
-        seconds = self.facts.seconds(failure.stamp)
+        seconds = self.facts.history.seconds(failure.stamp)
         claim = Claim("failed", failure.source, (failure.what, goal.what, message), seconds)
         return self.at(Clause(text, tuple(dict.fromkeys((failure.id, goal.id))), claim), seconds)
 
@@ -367,20 +367,20 @@ class Speech:
         """Return the clause of how a plan ended."""
         outcome, reason = str(end.detail.get("outcome") or ""), str(end.detail.get("reason") or "")
         text = self.say("ended", what=end.what, outcome=outcome, why=f": {reason}" if reason else "")
-        seconds = self.facts.seconds(end.stamp)
+        seconds = self.facts.history.seconds(end.stamp)
         claim = Claim("plan_ended", end.source, (end.what, outcome, reason), seconds)
         return self.at(Clause(text, (end.id,), claim), seconds)
 
     def took(self, deed: TraceRecord, end: TraceRecord) -> Clause:
         """Return the clause of how long a deed took."""
         value = round((end.stamp - deed.stamp) / SECOND, 6)
-        claim = Claim("took", deed.source, at_s=self.facts.seconds(deed.stamp), value=value)
+        claim = Claim("took", deed.source, at_s=self.facts.history.seconds(deed.stamp), value=value)
         return Clause(self.say("took", value=self.number(value)), (deed.id, end.id), claim)
 
     def narrated(self, record: TraceRecord, kind: ClaimKind) -> Clause:
         """Return the clause that explanations have for a record."""
         clause = self._narrator.clause(record)
-        seconds = self.facts.seconds(record.stamp)
+        seconds = self.facts.history.seconds(record.stamp)
         text = clause.sentence()
         if self.is_single and clause.subject and text.startswith(clause.subject):
             text = f"I{text[len(clause.subject) :]}"

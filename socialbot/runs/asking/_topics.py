@@ -172,7 +172,7 @@ class Subjects:
         self.heard = [each for each in history if each.kind == "hearing" and each.id != asked_as]
         """What people said before the question."""
         self.agents = history.agents
-        self.persons = tuple(dict.fromkeys(_persons(history)))
+        self.persons = tuple(dict.fromkeys(one for record in history for one in persons_in(record)))
         self._names: dict[str, list[tuple[Phrase, Phrase]]] = {}
         self.topics = self._topics()
         self.things = self._things()
@@ -592,17 +592,15 @@ def _body_of(plan: str) -> str:
     return plan[found.start() :] if found else ""
 
 
-def _persons(history: History) -> Iterator[str]:
-    """Yield the track ids of detected people."""
-    for record in history:
-        if record.kind == "detection":
-            for person in record.detail.get("persons", ()):
-                if person.get("track_id"):
-                    yield str(person["track_id"])
+def persons_in(record: TraceRecord) -> list[str]:
+    """Return the track ids in a detection record; none for other records."""
+    if record.kind != "detection":
+        return []
+    return [str(each["track_id"]) for each in record.detail.get("persons", ()) if each.get("track_id")]
 
 
 def _name(text: str) -> str:
     return text.lstrip("~").partition("(")[0]
 
 
-_CLASS_WORDS = (ENGLISH.known_words | {"yes"}) - {one[0] for one in ENGLISH.phrases["place"]}
+_CLASS_WORDS = (ENGLISH.known_words | {"yes"}) - ENGLISH.first_words("place")

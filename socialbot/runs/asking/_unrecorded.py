@@ -7,13 +7,8 @@ import re
 from collections.abc import Set
 
 from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
-from socialbot.runs.asking._parts import (
-    CAPITAL,
-    Found,
-)
-from socialbot.runs.asking._references import (
-    Reading,
-)
+from socialbot.runs.asking._parts import CAPITAL, Found
+from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._topics import Subjects, arguments_of
 from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
@@ -94,7 +89,7 @@ def unrecorded(found: Found, subjects: Subjects, text: str) -> list[str]:
     """
     reading, words, verb = found.reading, found.reading.words, found.question.verb
     names = {word for _, name in CAPITAL.findall(text) for word in tokens(name)}
-    articles = {one[0] for one in reading.language.phrases["article"]} | _TO_THE | _POSSESSIVE
+    articles = reading.language.first_words("article") | _TO_THE | _POSSESSIVE
     # "Ann" resembles "any", but is a name. German nouns have capital letters, too.
     certain = {word for word in names if reading.language.code != "de" and word not in reading.language.known_words}
     free = [place for place, word in enumerate(words) if len(word) > 2 and (place in reading.free() or word in certain)]

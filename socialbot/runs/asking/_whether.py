@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import msgspec
 
@@ -25,6 +26,9 @@ SOME_WORDS = 0.3
 
 Decided = tuple[bool | None, str, list[Clause]]
 """Whether a deed was done, the text that tells it, and its clauses; None if they do not decide the question."""
+
+
+T = TypeVar("T", bound="Whether")
 
 
 class Whether(Scope):
@@ -142,7 +146,7 @@ class Whether(Scope):
             if self.event_deed is not None and question.event is not None and question.event.relation != "when":
                 clauses.append(self.speech.did(self.event_deed, self.subjects.topic_of(self.event_deed)))
             return None if question.quantity else True, self.joined(clauses), clauses
-        other = [each for each in self.of_persons(self.deeds_at_all) if each.stamp <= self.now]
+        other = self.until_now(self.of_persons(self.deeds_at_all))
         if not deeds and other and question.event is not None:
             # Done, but on the other side of the event.
             clauses = [self.speech.did(other[-1], self.topic)]
@@ -166,7 +170,7 @@ class Whether(Scope):
         if person is not None and len(person.names) > 1:
             return [replace(question, person=replace(person, names=(name,))) for name in person.names]
         language = LANGUAGES[question.language]
-        links = {language.sentences["and"], *(one[0] for one in language.phrases["or"])}
+        links = {language.sentences["and"], *language.first_words("or")}
         joined = [name for name, before in things.items() if before in links]
         if not joined or self.deeds_at_all:
             return []
@@ -198,9 +202,9 @@ class Whether(Scope):
             return None
         return self._listed(sorted(done, key=lambda each: each.stamp))
 
-    def _beside(self, question: Question) -> Whether:
+    def _beside(self: T, question: Question) -> T:
         """Return another question about the same run."""
-        return Whether(self.run, self.facts, question, self.now_s, self.speaker, self.agent, spoken=self.spoken)
+        return type(self)(self.run, self.facts, question, self.now_s, self.speaker, self.agent, spoken=self.spoken)
 
     def _counted_or_ordered(self, deeds: Sequence[TraceRecord]) -> Decided | None:
         """Return how often a deed was done, or whether it was the first or last one."""
@@ -217,7 +221,7 @@ class Whether(Scope):
     def _ordered(self, deeds: Sequence[TraceRecord]) -> Decided:
         """Return whether the first or last of all such deeds was that to the person or thing in question."""
         is_agent = self.question.person is None and not self.question.things
-        done = [each for each in self.subjects.done(self.topic) if each.stamp <= self.now] if self.topic else []
+        done = self.until_now(self.subjects.done(self.topic)) if self.topic else []
         every = [one for one in done if is_agent or self.agent in ("", record_agent(self.history, one))]
         if is_agent:  # "Did carrier a leave last?" is about carriers.
             kind = kind_of_name(self.agent)
@@ -272,7 +276,7 @@ class Whether(Scope):
 
     def _without_any(self) -> Told | None:
         """Return the people for whom no deed was done, with what was not done for them; None without such people."""
-        done = [each for each in self.subjects.deeds if each.stamp <= self.now and self.is_meant(each)]
+        done = self.meant_until_now()
         named = [(each, topic) for each in done if (topic := self.subjects.topic_of(each)) and topic.names_people]
         topics = {topic.name: topic for _, topic in named}
         concerned = {one for each, _ in named for one in self.facts.concerned(each)}
@@ -301,8 +305,7 @@ class Whether(Scope):
             begin_s, end_s = self.span()
             timely = [each for each in self.facts.failures if begin_s <= self.history.seconds(each.stamp) <= end_s]
             failures = [each for each in timely if any(one.id in tried for one in self.history.before(each))]
-            clauses = [self.speech.failed(each) for each in failures if things <= self.things_behind(each)]
-            return (self.joined(clauses), clauses) if clauses else None
+            return self.told([self.speech.failed(each) for each in failures if things <= self.things_behind(each)])
         if done and not by_agent and self.question.is_synonym:
             return None
         kinds = {kind_of_name(one) for each in done for one in (*arguments_of(each.what), each.source)}
@@ -350,7 +353,7 @@ class Whether(Scope):
 
     def _instead(self, topic: Topic) -> list[Clause]:
         """Return the last deed of the same kind with one of the things in question."""
-        done = [each for each in self.subjects.done(topic) if each.stamp <= self.now]
+        done = self.until_now(self.subjects.done(topic))
         for thing in self.question.things:
             found = [each for each in done if thing in arguments_of(each.what)]
             if found:

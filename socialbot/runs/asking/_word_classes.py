@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import HEARD, occurrences, sound, stem
+from socialbot.runs.asking._words import HEARD, occurrences, sound, starts, stem
 from socialbot.runs.asking.languages import INTERROGATIVES, Language, lexicon
 
 _ONLY_EXACT = {
@@ -159,7 +159,7 @@ def tells(words: Sequence[str], language: Language, name: str) -> bool:
 
 def tells_exactly(words: Sequence[str], language: Language, name: str) -> bool:
     """Return whether a phrase of a class occurs in these very words."""
-    return any(tuple(words[n : n + len(one)]) == one for one in language.phrases[name] for n in range(len(words)))
+    return any(starts(one, words) for one in language.phrases[name])
 
 
 def places_of_class(words: Sequence[str], language: Language, name: str) -> set[int]:

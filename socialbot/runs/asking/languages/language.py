@@ -73,6 +73,14 @@ class Language:
         """Words of all classes."""
         return frozenset(word for alternatives in self.phrases.values() for phrase in alternatives for word in phrase)
 
+    def first_words(self, *classes: str) -> set[str]:
+        """Return the first words of the alternatives of classes."""
+        return {one[0] for name in classes for one in self.phrases[name]}
+
+    def single_words(self, *classes: str) -> set[str]:
+        """Return the alternatives of classes that are one word."""
+        return {one[0] for name in classes for one in self.phrases[name] if len(one) == 1}
+
     @cached_property
     def units(self) -> dict[str, float]:
         """Words for units of time with their length in seconds."""
@@ -83,7 +91,7 @@ class Language:
     @property
     def auxiliaries(self) -> frozenset[str]:
         """First words of questions that are answered by yes or no."""
-        return frozenset(one[0] for one in self.phrases["auxiliary"])
+        return frozenset(self.first_words("auxiliary"))
 
 
 def read_language(code: str) -> Language:
