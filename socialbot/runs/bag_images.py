@@ -131,25 +131,17 @@ class RecentPictures:
             return next((one for one in reversed(self._pictures) if one.stamp <= stamp), None)
 
 
-class NoPictures:
-    """Source without images."""
-
-    def at(self, stamp: int) -> Picture | None:
-        """Return None."""
-        return None
-
-
 class BlurredPictures:
     """Images of a run with people blurred: those that a detector finds, and those that the run has seen around then."""
 
-    def __init__(self, images: ImageSource, seen: BoxesNear) -> None:
+    def __init__(self, images: ImageSource | None, seen: BoxesNear) -> None:
         self._images = images
         self._seen = seen
         self._finder: PeopleFinder | None = None
 
     def at(self, stamp: int) -> Picture | None:
         """Return the newest image up to ``stamp`` (ns), blurred; None if it cannot be decoded."""
-        picture = self._images.at(stamp)
+        picture = None if self._images is None else self._images.at(stamp)
         if picture is None:
             return None
         try:
@@ -208,7 +200,7 @@ def write_video(
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
     captions = _Captions(record, bag.start)
     boxes = ((each.stamp, [(one.x, one.y, one.w, one.h) for one in each.persons]) for each in record.detections)
-    blurrer = BlurredPictures(NoPictures(), boxes_of(boxes)) if blur else None
+    blurrer = BlurredPictures(None, boxes_of(boxes)) if blur else None
     writer: cv2.VideoWriter | None = None
     size, rate = (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
     for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):

@@ -167,7 +167,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
     return render_document(
         "run.html",
         report=report,
-        data=frozen(run, world, needed, shut="this page is the record of a run"),
+        data=frozen(run, world, needed),
         bundle=bundle("main.js", charts=True, instead=(("api.js", "frozen.js"),)),
         modules=(),
     )
@@ -321,20 +321,19 @@ _SHARED = ("sight", "speech", "head")
 Track = list[tuple[float, Any]]
 
 
-def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shut: str) -> str:
+def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int]) -> str:
     """Return the server answers for a page as JSON, gzip and base64.
 
     Args:
         run: The run to show.
         world: World view of the run, if it has one.
         stamps: Times (ns) of mandatory images.
-        shut: Reason for refusing commands.
     """
     history = run.history
     records = history.part(max(0, len(history) - MAX_RECORDS), len(history))
     begin = records[0].stamp if len(records) < len(history) else history.start
     pictures = _pictures(run, stamps, records)
-    shown = overview(run, NoCommands(shut))
+    shown = overview(run, NoCommands("this page is the record of a run"))
     has = msgspec.structs.replace(shown.has, pictures=bool(pictures), world=world is not None and bool(world))
     content = {
         "run": msgspec.structs.replace(shown, has=has, problems=(), results={}, since_s=history.seconds(begin)),

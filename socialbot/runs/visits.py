@@ -17,12 +17,13 @@ from typing import Literal
 import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import PersonDetection, TraceRecord
+from socialbot.core.messages import TraceRecord
 from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
 from socialbot.runs.pages import Cell, Table
 from socialbot.runs.record import WELL
+from socialbot.runs.state import persons_of
 from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, answer_to, visits
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
@@ -133,7 +134,7 @@ def _tracked(history: History) -> list[LabelledFrame]:
 
 def _people(record: TraceRecord) -> Iterator[Person]:
     """Yield the tracked people of a frame; predicted boxes count as seen."""
-    for person in msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...]):
+    for person in persons_of(record):
         if person.track_id:
             yield TruthPerson(
                 id=person.track_id, x=person.x, y=person.y, w=person.w, h=person.h,

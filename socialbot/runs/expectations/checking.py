@@ -23,7 +23,6 @@ from socialbot.runs.expectations.expectations import (
     as_expectation,
 )
 from socialbot.runs.expectations.formulas import (
-    AtomicFormula,
     Binding,
     Counted,
     Eventually,
@@ -323,9 +322,6 @@ def _shown(formula: TemporalFormula | None, trace: Observation, binding: Binding
     """Return the record of an atom of ``formula`` that shows a moment: that of the latest occurrence."""
     found: list[Occurrence] = []
     for atom in formula.atoms() if formula is not None else ():
-        found += [each for each in _with_record(atom, trace, binding) if each.begin <= at <= each.end]
+        occurred = trace.occurrences(atom, binding)
+        found += [each for each in occurred if each.record is not None and each.begin <= at <= each.end]
     return max(found, key=lambda each: each.begin).record if found else None
-
-
-def _with_record(atom: AtomicFormula, trace: Observation, binding: Binding) -> Iterator[Occurrence]:
-    return (each for each in trace.occurrences(atom, binding) if each.record is not None)
