@@ -27,7 +27,7 @@ from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._readings import candidates
 from socialbot.runs.asking._scope import NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
-from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._topics import Subjects, arguments_of
 from socialbot.runs.asking._unrecorded import unrecorded
 from socialbot.runs.asking._whether import Whether
 from socialbot.runs.asking._words import folded, sound, tokens
@@ -332,7 +332,7 @@ class _Answering(Whether):
         if not because:
             return None
         told = self.speech.say("because", clause=clauses[0].text, reason=self.joined(because))
-        foil = contrast(self.speech, deed, self.subjects)
+        foil = contrast(self.speech, deed)
         if foil is not None:
             told += f"; {foil.text}"
         return told, [*clauses, *because, *([foil] if foil else [])]
@@ -444,11 +444,11 @@ def _examples(subjects: Subjects, language: Language, at_s: float) -> tuple[str,
     """Return questions that this run can answer."""
     done = [topic for topic in subjects.topics if subjects.done(topic)]
     declared = (" ".join(topic.words[language.code][0]) for topic in done if language.code in topic.words)
-    named = (_infinitive(topic, subjects) for topic in done if topic.loose and language.code == "en")
+    named = (
+        infinitive(subjects.wording.call(topic.name, arguments_of(call_of(subjects.done(topic)[0]))))
+        for topic in done
+        if topic.loose and language.code == "en"
+    )
     deed = next(declared, None) or next(named, None)
     texts = language.sentences["examples"].split(" | ")
     return tuple(text.format(deed=deed, at=f"{at_s:.0f}") for text in texts if deed or "{deed}" not in text)
-
-
-def _infinitive(topic: Topic, subjects: Subjects) -> str:
-    return infinitive(subjects.wording.call(topic.name, arguments_of(call_of(subjects.done(topic)[0]))))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._facts import Facts, Held, record_agent
+from socialbot.runs.asking._facts import Facts, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of, goal_of
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
@@ -97,7 +97,7 @@ def _claim_of(record: TraceRecord) -> ClaimKind:
 # Contrast
 
 
-def contrast(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | None:
+def contrast(speech: Speech, deed: TraceRecord) -> Clause | None:
     """Return what was different before.
 
     At the deed before, the belief that this one came from was not held; or the plan had a step to finish first. None if
@@ -105,49 +105,36 @@ def contrast(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | 
     """
     facts = speech.facts
     if deed.kind == "step":
-        return _step_before(speech, deed, subjects)
+        return _step_before(speech, deed)
     trigger = facts.trigger(deed)
     if trigger is None or facts.heard_before(deed) is not None:
         return None
     agent = record_agent(facts.history, deed)
-    before = [
-        each for each in subjects.deeds if each.stamp < trigger.stamp and record_agent(facts.history, each) == agent
-    ]
-    if not before:
+    before = (each for each in reversed(facts.subjects.deeds) if each.stamp < trigger.stamp)
+    foil = next((each for each in before if record_agent(facts.history, each) == agent), None)
+    if foil is None:
         return None
-    foil = before[-1]
     name = trigger.what.partition("(")[0]
     persons = [one for one in facts.concerned(deed) if f'"{one}"' in trigger.what]
-    if any(each.at(foil.stamp) for each in _same(facts, trigger)):
+    if any(each.at(foil.stamp) for each in facts.held(trigger.what, agent=trigger.source)):
         return None
     clause = speech.lacked(name, persons, agent, foil.stamp)
     if clause is None or clause.claim.value is None:
         other = facts.trigger(foil)
         held = next((each for each in facts.beliefs if each.record is other), None)
-        condition = None if held is None else speech.believed(held, foil.stamp)
-        if (
-            condition is not None
-            and other is not None
-            and other.what != trigger.what
-            and held is not None
-            and held.at(foil.stamp)
-        ):
-            clause = condition
+        if held is not None and held.what != trigger.what and held.at(foil.stamp):
+            clause = speech.believed(held, foil.stamp)
     return None if clause is None else speech.at(clause, facts.history.seconds(foil.stamp))
 
 
-def _step_before(speech: Speech, deed: TraceRecord, subjects: Subjects) -> Clause | None:
+def _step_before(speech: Speech, deed: TraceRecord) -> Clause | None:
     """Return the step of the same plan that a step had to wait for."""
     plan = plan_of(speech.facts.history, deed)
     chain = (each for each in speech.facts.history.before(deed) if each.kind == "step")
     before = next(chain, None)
     if plan is None or before is None or plan_of(speech.facts.history, before) is not plan:
         return None
-    return speech.did(before, subjects.topic_of(before))
-
-
-def _same(facts: Facts, trigger: TraceRecord) -> Iterator[Held]:
-    return (each for each in facts.held(trigger.what, agent=trigger.source))
+    return speech.did(before, speech.facts.subjects.topic_of(before))
 
 
 # Reasons against
@@ -155,7 +142,6 @@ def _same(facts: Facts, trigger: TraceRecord) -> Iterator[Held]:
 
 def reasons_against(
     speech: Speech,
-    subjects: Subjects,
     topic: Topic,
     persons: Sequence[str],
     agent: str,
@@ -166,16 +152,15 @@ def reasons_against(
 
     Args:
         speech: Puts facts into words.
-        subjects: What the run can be asked about, with the rules that are known.
         topic: The deed.
         persons: The people whom it would have concerned; empty for anybody.
         agent: The agent; empty for any.
         span: Begin and end of the time.
         at_s: Time for which a missing belief is stated; by default the last one with the person believed to be here.
     """
-    facts, history = speech.facts, subjects.history
+    facts, history = speech.facts, speech.facts.history
     begin, end = history.stamp(span[0]), history.stamp(span[1])
-    plans = plans_of(subjects, topic)
+    plans = plans_of(facts.subjects, topic)
     at = _moment(facts, persons, begin, end) if at_s is None else history.stamp(at_s)
     events = {call_of(each).partition("(")[0] for each in history if each.kind == "event"}
     entries = [name for plan in plans if (name := _belief_event(plan)) and name not in events]

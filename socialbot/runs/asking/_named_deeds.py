@@ -140,8 +140,8 @@ def _named(
         """Return whether a word may be meant by one that is mistyped or misheard."""
         return similarity(words[at], word) >= (FORM if words[at] in known else ALIKE)
 
-    def occurs(phrase: Phrase, most_between: int) -> tuple[float, tuple[int, ...]]:
-        alike, at = likeness(phrase, words, most_between)
+    def occurs(phrase: Phrase) -> tuple[float, tuple[int, ...]]:
+        alike, at = likeness(phrase, words, most_between=4)
         if alike < FORM and any(words[n] in known for n in at):
             return 0.0, ()  # "décharger" is another verb than "charger"
         is_named = bool(at) and bool(set(at) & free or len(at) > 1) and _is_whole(phrase, at, words, free, soft)
@@ -149,7 +149,7 @@ def _named(
 
     table = topic.opposites if opposite else topic.words
     for phrase in table.get(code, ()):
-        note("opposite" if opposite else "declared", *occurs(phrase, 4))
+        note("opposite" if opposite else "declared", *occurs(phrase))
     alike = {meaning for phrase in table.get(code, ())[:1] for meaning in meanings(phrase, code)}
     for each in meant:
         if each.meaning in alike and _is_whole(each.phrase, each.places, words, free, soft):

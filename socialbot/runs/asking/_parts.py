@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import without_matrix
@@ -182,10 +181,9 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     guess_interrogative(reading, bool(deeds), {place for each in deeds if each.fit >= NAMED for place in each.places})
     verb = clause_verb(reading, referred)
     explained = {place for name in VERBS for place in reading.places(name)} | {n for each in deeds for n in each.places}
-    # "Would you say ...?"
-    explained |= {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
-    # "Which carrier did it end up on?"
+    # "Would you say ...?", "Which carrier did it end up on?"
     light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
+    explained |= light
     # "Why did you go idle?"
     if verb is not None and stem(reading.words[verb]) in _BECOMING:
         light |= {verb for each in deeds if verb not in each.places and verb + 1 in each.places}
@@ -215,7 +213,8 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         None, language.code, (), person, "", "", things, at_s, ago, reading.is_later, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
-        is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"), extreme=_extreme(reading),
+        is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"),
+        extreme="longest" if reading.has("longest") else "shortest" if reading.has("shortest") else "",
         leaves=leaves,
         about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
@@ -263,10 +262,6 @@ def _thing_kind(reading: Reading, subjects: Subjects) -> str:
     asked = next((stem(words[n + 1]) for n in range(len(words) - 1) if words[n] in asking), "")
     agents = {kind_of_name(agent) for agent in subjects.agents}
     return next((kind for kind in sorted(subjects.kinds - agents) if stem(kind) == asked), "")
-
-
-def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
-    return "longest" if reading.has("longest") else "shortest" if reading.has("shortest") else ""
 
 
 def _take_left_out(reading: Reading) -> bool:

@@ -160,7 +160,8 @@ def _candidates(
         yield from _reported(report, subjects, language)
         return
     whole = parts_of(words, subjects, language)
-    if names_without_records(whole.reading, whole.referred, subjects) or _is_hypothetical(words, language):
+    is_hypothetical = tells_exactly(words, language, "hypothetical")  # "what if": no record tells that
+    if is_hypothetical or names_without_records(whole.reading, whole.referred, subjects):
         yield Candidate(whole.question, whole, None, 0)
         return
     about_plan = _about_plan(whole, subjects)
@@ -311,11 +312,6 @@ def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -
     leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
     is_over = leaves or (relation == "after" and not comes)
     return None if what.person is None else Event(relation, what, leaves=is_over)
-
-
-def _is_hypothetical(words: Sequence[str], language: Language) -> bool:
-    """Return whether a question is about what did not happen: ``what if``; no record tells that."""
-    return tells_exactly(words, language, "hypothetical")
 
 
 def _places_of(found: Found) -> Set[int]:

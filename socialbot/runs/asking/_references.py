@@ -222,7 +222,6 @@ _ALIKE_ORDINAL = 0.79
 _WHOLE = 0.999
 _MOST_IN_ORDER = 20
 """Largest number of a person that counts as the order of arrival."""
-_RELATIVE = {"who", "that", "qui", "que", "der", "die", "das"}
 _DEFINITE = {
     "the", "that", "this", "der", "die", "das", "den", "dem", "diesen", "diesem", "diese", "le", "la", "l", "ce",
     "cette", "cet", "el", "al", "ese", "esa", "este", "esta",

@@ -348,9 +348,7 @@ class Speech:
         is_you = bool(person) and person == self.you
         named = self.people([person] if person else [])
         text = self.say("heard_you" if is_you else "heard", person=named, what=record.what)
-        seconds = self.facts.history.seconds(record.stamp)
-        claim = Claim("heard", what=(record.what,), at_s=seconds, persons=(person,) if person else ())
-        return self.at(Clause(text, (record.id,), claim), seconds)
+        return self._stated(record, text, Claim("heard", what=(record.what,), persons=(person,) if person else ()))
 
     def failed(self, failure: TraceRecord) -> Clause:
         """Return the clause of a failure: the goal that failed, and the message of the failure."""
@@ -359,17 +357,19 @@ class Speech:
         message = str(failure.detail.get("message") or "")
         what = infinitive(self._sentence(goal)) if self.language == "en" else goal.what
         text = self.about(failure.source, self.say("failed", what=what, why=f": {message}" if message else ""))
-        seconds = self.facts.history.seconds(failure.stamp)
-        claim = Claim("failed", failure.source, (failure.what, goal.what, message), seconds)
-        return self.at(Clause(text, tuple(dict.fromkeys((failure.id, goal.id))), claim), seconds)
+        return self._stated(failure, text, Claim("failed", failure.source, (failure.what, goal.what, message)), goal)
 
     def ended(self, end: TraceRecord) -> Clause:
         """Return the clause of how a plan ended."""
         outcome, reason = str(end.detail.get("outcome") or ""), str(end.detail.get("reason") or "")
         text = self.say("ended", what=end.what, outcome=outcome, why=f": {reason}" if reason else "")
-        seconds = self.facts.history.seconds(end.stamp)
-        claim = Claim("plan_ended", end.source, (end.what, outcome, reason), seconds)
-        return self.at(Clause(text, (end.id,), claim), seconds)
+        return self._stated(end, text, Claim("plan_ended", end.source, (end.what, outcome, reason)))
+
+    def _stated(self, record: TraceRecord, text: str, claim: Claim, *others: TraceRecord) -> Clause:
+        """Return the clause of a record, and of others behind it, with its time in the claim and in front."""
+        seconds = self.facts.history.seconds(record.stamp)
+        ids = tuple(dict.fromkeys(each.id for each in (record, *others)))
+        return self.at(Clause(text, ids, msgspec.structs.replace(claim, at_s=seconds)), seconds)
 
     def took(self, deed: TraceRecord, end: TraceRecord) -> Clause:
         """Return the clause of how long a deed took."""

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
@@ -177,8 +178,7 @@ class Subjects:
         self.topics = self._topics()
         self.things = self._things()
         self.deeds = actions(history)
-        self._done: dict[str, list[TraceRecord]] = {}
-        self._acted: dict[str, list[TraceRecord]] = {}
+        self._by_topic: dict[tuple[str, str], list[TraceRecord]] = {}
         self.argument_names = {
             tokens(one)[0]: one
             for topic in self.topics
@@ -380,39 +380,28 @@ class Subjects:
 
     def done(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed in order: what agents did, or else what they wanted."""
-        if topic.name not in self._done:
-            found = self.acted(topic)
-            self._done[topic.name] = found or [
-                self.history[place]
-                for place, literal in sorted({each for name in topic.call_names for each in self._wanted.get(name, ())})
-                if topic.covers(literal)
-            ]
-        return self._done[topic.name]
-
-    @cached_property
-    def _wanted(self) -> Mapping[str, list[tuple[int, str]]]:
-        """Places and literals of desires and goals in the history, by the names of their calls."""
-        found: dict[str, list[tuple[int, str]]] = {}
-        for place, record in enumerate(self.history):
-            if record.kind in ("desire", "goal"):
-                literal = _literal(record)
-                found.setdefault(_call_name(literal), []).append((place, literal))
-        return found
+        return self.acted(topic) or self._of_topic(topic, "wanted")
 
     def acted(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed that agents did, in order."""
-        if topic.name not in self._acted:
-            places = sorted({each for name in topic.call_names for each in self._deeds_by_name.get(name, ())})
-            self._acted[topic.name] = [self.deeds[place] for place, call in places if topic.covers(call)]
-        return self._acted[topic.name]
+        return self._of_topic(topic, "acted")
+
+    def _of_topic(self, topic: Topic, how: Literal["acted", "wanted"]) -> list[TraceRecord]:
+        if (topic.name, how) not in self._by_topic:
+            known = self._by_call[how]
+            found = (each for name in topic.call_names for each in known.get(name, ()) if topic.covers(each[1]))
+            self._by_topic[topic.name, how] = [record for _, _, record in sorted(found, key=lambda each: each[0])]
+        return self._by_topic[topic.name, how]
 
     @cached_property
-    def _deeds_by_name(self) -> Mapping[str, list[tuple[int, str]]]:
-        """Places and calls of the deeds, by the names of the calls."""
-        found: dict[str, list[tuple[int, str]]] = {}
-        for place, record in enumerate(self.deeds):
-            for call in self.calls_of(record):
-                found.setdefault(_call_name(call), []).append((place, call))
+    def _by_call(self) -> Mapping[str, Mapping[str, list[tuple[int, str, TraceRecord]]]]:
+        """Places, calls and records of deeds, and of desires and goals, by the names of the calls."""
+        wanted = ((_literal(each), each) for each in self.history if each.kind in ("desire", "goal"))
+        acted = ((call, each) for each in self.deeds for call in self.calls_of(each))
+        found: dict[str, dict[str, list[tuple[int, str, TraceRecord]]]] = {"acted": {}, "wanted": {}}
+        for how, calls in (("acted", acted), ("wanted", wanted)):
+            for place, (call, record) in enumerate(calls):
+                found[how].setdefault(_call_name(call), []).append((place, call, record))
         return found
 
     @cached_property
@@ -459,9 +448,9 @@ class Subjects:
         )
         return sum(shared) / len(counted)
 
-    def is_quoted(self, words: Sequence[str], least: float = 0.5) -> bool:
-        """Return whether an utterance has more than the share ``least`` of ``words``."""
-        return any(self.share_said(words, each, FORM) > least for each in self.deeds)
+    def is_quoted(self, words: Sequence[str]) -> bool:
+        """Return whether an utterance has more than half of ``words``."""
+        return any(self.share_said(words, each, FORM) > 0.5 for each in self.deeds)
 
     def said_stems(self, topic: Topic) -> Set[str]:
         """Return the stems of the words of the utterances of a deed."""

@@ -43,21 +43,24 @@ class Whether(Scope):
             deeds = self.of_persons(self.deeds)
             if not deeds:
                 return self._left_undone()
-            shown = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
             counted = self._number(deeds)
             if self.question.counts_people and self.question.person is None and self.topic.names_people:
                 counted = self._number_of_people(deeds, counted)
-            return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
+            return self._told_with(counted, deeds)
         if self.question.says:
             said = self.quoted(self.up_to_now(), self.question.says, ALL_WORDS)
             if not said:
                 return self._did_say()
-            counted, shown = self._number(said), [self.speech.did(each, None) for each in said[:MOST_NAMED]]
-            return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
+            return self._told_with(self._number(said), said)
         if self.question.about_speech and not self.question.is_negative:
             said = [each for each in self.up_to_now() if self.subjects.words_said(each)]
             return (self._number(said).text, [self._number(said)]) if said else None
         return count_people(self) if self.subjects.persons or has_frames(self) else None
+
+    def _told_with(self, counted: Clause, deeds: Sequence[TraceRecord]) -> Told:
+        """Return a count with the first deeds."""
+        shown = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
+        return f"{counted.text}: {self.joined(shown)}", [counted, *shown]
 
     def _listed(self, deeds: Sequence[TraceRecord]) -> Told:
         clauses = [self.speech.did(each, self.topic) for each in deeds[:MOST_NAMED]]
@@ -330,7 +333,7 @@ class Whether(Scope):
             done = self.speech.did(earlier[-1], topic)
             return self.speech.say("because", clause=undone.text, reason=done.text), [undone, done]
         because = self._prevented(topic, span) or reasons_against(
-            self.speech, self.subjects, topic, self.persons, agent, span, self.question.at_s
+            self.speech, topic, self.persons, agent, span, self.question.at_s
         )
         if not because:
             instead = self._instead(topic)

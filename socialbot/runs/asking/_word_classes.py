@@ -65,11 +65,10 @@ def _is_alike(alike: float) -> bool:
     return alike >= _WRITTEN_ALIKE or alike == HEARD
 
 
-def words_of_deeds(subjects: Subjects, language: str, *, with_opposites: bool = False) -> set[str]:
+def words_of_deeds(subjects: Subjects, language: str) -> set[str]:
     """Return the words of the deeds of the agents in a language."""
     phrases = (one for topic in subjects.topics for one in (*topic.words.get(language, ()), *topic.loose))
-    opposites = (one for topic in subjects.topics for one in topic.opposites.get(language, ()))
-    return {word for phrase in (*phrases, *(opposites if with_opposites else ())) for word in phrase}
+    return {word for phrase in phrases for word in phrase}
 
 
 def classify(reading: Reading, domain: Set[str]) -> None:
