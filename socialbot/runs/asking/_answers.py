@@ -14,14 +14,24 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.core.vocabulary import Deed
-from socialbot.runs.asking._activity import ahead, count_heard, doing, failed, heard, heard_as, said
+from socialbot.runs.asking._activity import (
+    ahead,
+    count_heard,
+    doing,
+    ended,
+    failed,
+    heard,
+    heard_as,
+    replanned,
+    said,
+    steps,
+)
 from socialbot.runs.asking._beliefs import believed, placed
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
 from socialbot.runs.asking._people import seen, stay, visitors
-from socialbot.runs.asking._plans import ended, replanned, steps
 from socialbot.runs.asking._question import NEAR_S, Question, with_time
 from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._readings import candidates

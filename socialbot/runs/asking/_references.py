@@ -454,10 +454,7 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
     for n, word in enumerate(words):
         # "the man who came first", "two people"
         if n not in reading.taken and (word,) in people:
-            number = _order_behind(reading, n)
-            if number is not None:
-                return PersonReference(ordinal=number)
-            number = _number_behind(reading, n)
+            number = _order_behind(reading, n) or _number_behind(reading, n)
             if number is not None:
                 return PersonReference(ordinal=number)
             counted = number_at(words, n - 1) if n else None
