@@ -20,7 +20,7 @@ WIDE = 1000
 
 
 class Console(rich.console.Console):
-    """Console of rich that prints only its own control sequences, not those in texts.
+    """Console of rich that highlights nothing and prints only its own control sequences, not those in texts.
 
     Text with invalid markup is printed as it is, and markup makes no links, whose address would not be seen. Lines for
     a file or pipe are not folded, so that other programs find whole names. The variable COLUMNS changes that, but not
@@ -28,10 +28,14 @@ class Console(rich.console.Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(highlight=False, **options)
         asked = "width" in options or ("COLUMNS" in os.environ and "LINES" not in os.environ)
         if not self.is_terminal and not asked:
             self.width = WIDE
+
+    def print_plain(self, text: str, style: str | None = None) -> None:
+        """Print plain text without folding its lines."""
+        self.print(text, style=style, soft_wrap=True, markup=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):

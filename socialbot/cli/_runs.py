@@ -68,7 +68,7 @@ def print_outcome(console: Console, result: RunResult) -> None:
     if result.scores is not None:
         console.print(scores_table(result.scores))
     if result.decisions is not None:
-        console.print(result.decisions.text, soft_wrap=True, markup=False)
+        console.print_plain(result.decisions.text)
     for topic, skipped in result.results.get("bag", {}).get("skipped", {}).items():
         text = f"{topic}: {skipped['count']} damaged messages skipped: {skipped['first']}"
         console.print(f"[yellow]warning[/] {escape(text)}", soft_wrap=True)
@@ -95,7 +95,7 @@ def write_page(
             page = f"its page cannot be written: {error.strerror}"
         except SocialbotError as error:  # its files were removed, and could not be written again
             page = f"its page cannot be written: {error}"
-    console.print(f"The record of this run: {record.folder}; {page}", soft_wrap=True, markup=False)
+    console.print_plain(f"The record of this run: {record.folder}; {page}")
 
 
 def print_dialogue(console: Console, folder: Path) -> None:
@@ -114,7 +114,7 @@ def print_dialogue(console: Console, folder: Path) -> None:
         line = Text(f"{run.history.seconds(each.stamp):7.2f} s  {who:<8} {each.what}")
         console.print(line, style="bold cyan" if is_heard else "bold green", soft_wrap=True)
     for question in answer(run, "").examples[:1]:
-        console.print(f'Ask about it: socialbot ask {folder} "{question}"', soft_wrap=True, markup=False)
+        console.print_plain(f'Ask about it: socialbot ask {folder} "{question}"')
 
 
 def scores_table(scores: Scores) -> Table:
@@ -151,7 +151,7 @@ def images_of(run: RecordedRun) -> Iterator[Bag | None]:
 def print_problems(run: RecordedRun) -> None:
     """Print on stderr why a run is not whole."""
     for problem in run.problems:
-        Console(stderr=True, highlight=False).print(f"warning: {problem}", soft_wrap=True, markup=False)
+        Console(stderr=True).print_plain(f"warning: {problem}")
 
 
 def print_json(found: Any) -> None:
@@ -166,6 +166,6 @@ def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:
     if as_json:
         print_json(found)
         return
-    console = Console(highlight=False)
+    console = Console()
     for line in lines:
         console.print(Text(line), soft_wrap=True)

@@ -113,7 +113,7 @@ def run(
     world = None if environment is None else load_environment(environment, arguments, folder)
     if world is not None:
         world.attach(society)
-    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    console, errors = Console(), Console(stderr=True)
     with _tracing(trace) as sink, _warnings():
         colors = itertools.cycle(COLORS)
         loaded: dict[Path, tuple[Program, Library]] = {}
@@ -156,7 +156,7 @@ def run(
     if until is None and not stopped:
         for engine in society.agents.values():
             for intention in list(engine.intentions)[:3]:
-                errors.print(f"{engine.name} still waits: {intention}", style="dim", soft_wrap=True, markup=False)
+                errors.print_plain(f"{engine.name} still waits: {intention}", style="dim")
 
 
 @asl.command()
@@ -168,7 +168,7 @@ def check(
     from socialbot.bdi.agentspeak.loading import needs_of, problems_of, warnings_of
 
     _import_actions(actions)
-    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    console, errors = Console(), Console(stderr=True)
     paths = _include_paths(include, root)
     if any(file.suffix == ".mas2j" for file in files):
         project = _project(files, None)
@@ -187,9 +187,9 @@ def check(
         failed = failed or bool(problems)
         if program is not None and not problems:
             name = f"{file}: " if len(files) > 1 else ""
-            console.print(f"{name}ok: {_summary(program)}", soft_wrap=True, markup=False)
+            console.print_plain(f"{name}ok: {_summary(program)}")
             if needs := needs_of(program):
-                console.print(f"{name}needs actions in Python: {', '.join(needs)}", soft_wrap=True, markup=False)
+                console.print_plain(f"{name}needs actions in Python: {', '.join(needs)}")
             warnings = dict.fromkeys(map(str, warnings_of(program)))
             for warning in [each for each in warnings if each not in warned]:  # several may include one file
                 errors.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
@@ -227,9 +227,9 @@ def _project(files: list[Path], agents: str | None) -> Project:
     if len(files) > 1 or agents is not None:
         raise RuleError("a project names its agents itself", where=str(files[0]), remedy="give the project file alone")
     project = read_project(files[0])
-    errors = Console(stderr=True, highlight=False)
+    errors = Console(stderr=True)
     for note in project.notes:
-        errors.print(f"note: {files[0]}: {note}", style="dim", soft_wrap=True, markup=False)
+        errors.print_plain(f"note: {files[0]}: {note}", style="dim")
     return project
 
 
@@ -347,7 +347,7 @@ def report_tests(
     """Run the tests of programs and report them; return whether all passed."""
     from socialbot.bdi.agentspeak.unit_tests import TestFile
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     results: list[TestResult] = []
     broken: list[tuple[Path, str]] = []
     for file in files:

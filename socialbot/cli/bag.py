@@ -79,7 +79,7 @@ def info(
     """Show the topics of a bag, and any damage."""
     from socialbot.bags.reader import open_bag
 
-    console = Console(highlight=False)
+    console = Console()
     with open_bag(path) as opened:
         images = {topic.name: _picture(opened, topic) for topic in (*opened.image_topics, *opened.depth_topics)}
         break_off = None
@@ -140,7 +140,7 @@ def import_(
     size = f"{made.width}x{made.height}"
     sound_text = f", {made.sound_s:.1f} s of sound" if made.sound_s else ""
     text = f"{made.images} images of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
-    Console().print(text, highlight=False)
+    Console().print(text)
 
 
 @bag.command()
@@ -163,19 +163,19 @@ def record(
     if target != out and out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
     with Ending().on_signals() as ending:
-        console.print(f"recording to {out}; Ctrl-C ends it", highlight=False)
+        console.print(f"recording to {out}; Ctrl-C ends it")
         made = recorder.record(
             target, topics=topics or (), duration_s=duration, storage=storage, stopped=lambda: ending.asked
         )
     if privacy != "none":
         _redact_recording(console, target, out, privacy, graph, storage)
     for topic, count in sorted(made.counts.items()):
-        console.print(f"{count:7d}  {topic}", highlight=False, markup=False)
+        console.print(f"{count:7d}  {topic}", markup=False)
     for topic, why in made.refused.items():
-        console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}", highlight=False)
+        console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}")
     for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
-        console.print(f"[yellow]no messages on[/] /{escape(topic)}", highlight=False)
-    console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
+        console.print(f"[yellow]no messages on[/] /{escape(topic)}")
+    console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s")
 
 
 def _redact_recording(
@@ -212,7 +212,7 @@ def convert(
     """Convert the structured messages of a bag to JSON or to their own ROS types, without loss."""
     from socialbot.bags.conversion import convert_bag
 
-    console = Console(highlight=False)
+    console = Console()
     with console.status(f"writing {out}"):
         made = convert_bag(source, out, wire, storage=storage)
     for topic, kept in sorted(made.kept.items()):
@@ -247,7 +247,7 @@ def redact(
 
     with bar("redacting", "images") as advance:
         made = make(source, out, privacy, whole=whole, graph=graph, storage=storage, advance=advance)
-    _print_redaction(Console(highlight=False, soft_wrap=True), made)
+    _print_redaction(Console(soft_wrap=True), made)
 
 
 def _print_redaction(console: Console, made: Redaction) -> None:

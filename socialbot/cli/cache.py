@@ -38,7 +38,7 @@ def show() -> None:
         used = f"{datetime.fromtimestamp(file.used).astimezone():%Y-%m-%d %H:%M}"
         bag = file.key[:12] if entry is None else entry.bag
         table.add_row(escape(bag), escape(nodes + detector), f"{file.size / 1e3:.0f}", used)
-    console = Console(highlight=False)
+    console = Console()
     if table.row_count:
         console.print(table)
     _print_size(console, folder)
@@ -47,7 +47,7 @@ def show() -> None:
 @cache.command()
 def size() -> None:
     """Print the folder, its size and its limit. SOCIALBOT_CACHE_MB changes the limit."""
-    _print_size(Console(highlight=False), _folder())
+    _print_size(Console(), _folder())
 
 
 @cache.command()
@@ -56,14 +56,14 @@ def clear() -> None:
     folder = _folder()
     count, removed = folder.clear()
     text = f"removed {'1 entry' if count == 1 else f'{count} entries'}, {removed / _MEGABYTE:.1f} MB"
-    Console(highlight=False).print(f"{folder.path}: {text}", soft_wrap=True, markup=False)
+    Console().print_plain(f"{folder.path}: {text}")
 
 
 def _print_size(console: Console, folder: CacheFolder) -> None:
     files = folder.files()
     used, limit = sum(each.size for each in files) / _MEGABYTE, folder.max_bytes / _MEGABYTE
     count = "1 entry" if len(files) == 1 else f"{len(files)} entries"
-    console.print(f"{folder.path}: {count}, {used:.1f} of {limit:.0f} MB", soft_wrap=True, markup=False)
+    console.print_plain(f"{folder.path}: {count}, {used:.1f} of {limit:.0f} MB")
 
 
 def _folder() -> CacheFolder:

@@ -155,7 +155,7 @@ def calibrate(
     from socialbot.vision.detectors import DETECTORS, DetectorSettings
     from socialbot.vision.pipeline import PersonPipeline
 
-    console = Console(highlight=False)
+    console = Console()
     live = is_device(source) or (source.startswith("/") and not Path(source).exists())
     if live:
         what = f"camera {source}" if is_device(source) else source

@@ -292,7 +292,7 @@ def doctor(
     if checked is not None and robot is not None:
         what = "a graph and a robot are checked one by one"
         raise ParameterError(what, where="--robot", remedy="leave out one of them")
-    console = Console(highlight=False)
+    console = Console()
     findings: list[Finding] = []
     with console.status("examining"):
         for finding in _examined(checked, robot, graph, quick=quick):

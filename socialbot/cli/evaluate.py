@@ -91,7 +91,7 @@ def evaluate(
     from socialbot.vision.metrics.frames import with_distances
     from socialbot.vision.metrics.matches import Rules, parse_bands
 
-    errors = Console(stderr=True, highlight=False)
+    errors = Console(stderr=True)
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], tracking=tracking)
     exported = _exports(exports or [])
@@ -118,18 +118,18 @@ def evaluate(
 
         evaluation = carry_out(plan, advance, lambda phase: show(None, phase))
     _report_missing(evaluation, errors)
-    console = Console(highlight=False)
-    show_tables(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
+    console = Console()
+    show_tables(evaluation, console if console.is_terminal else Console(width=PAGE_WIDTH))
     for path in figure_files:
         write_json(evaluation, path)
     if out is not None:
         write_markdown(evaluation, out)
     for name, path in exported:
         for written in export(evaluation, name, path):
-            console.print(f"The detections: {written}", soft_wrap=True, markup=False)
+            console.print_plain(f"The detections: {written}")
     for path in pages:
         page(evaluation).write(path)
-        console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
+        console.print_plain(f"\nThe page: {path}")
 
 
 def _pipelines(detectors: list[str], changes: list[str], *, tracking: bool) -> tuple[PipelineSettings, ...]:
@@ -199,7 +199,7 @@ def _sources(known: list[LabelledSource], split: str | None, errors: Console) ->
             errors.print(f"{source.name} is skipped: its split is {source.split or 'none'}", style="dim", markup=False)
     for source in sources:
         for note in source.notes:
-            errors.print(f"{source.name}: {note}", style="dim", markup=False, soft_wrap=True)
+            errors.print_plain(f"{source.name}: {note}", style="dim")
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

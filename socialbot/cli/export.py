@@ -32,7 +32,7 @@ def export(
     if kind is None:
         remedy = f"end it in {', '.join(SUFFIXES)}, or give --format"
         raise ParameterError("the suffix names no format", where=str(out), remedy=remedy)
-    console, recorded = Console(highlight=False), opened_run(run)
+    console, recorded = Console(), opened_run(run)
     if kind in ("csv", "elan"):
         from socialbot.runs.annotations import write_csv, write_elan
 

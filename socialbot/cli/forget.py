@@ -27,11 +27,9 @@ def forget(
     from socialbot.runs.forgetting import forget_person
 
     made = forget_person(run, person)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     frames = options.many(made.frames, "frame")
-    console.print(
-        f"{run}: {person} is removed from {frames}, with {options.many(made.records, 'record')}", markup=False
-    )
+    console.print_plain(f"{run}: {person} is removed from {frames}, with {options.many(made.records, 'record')}")
     if made.files:
         console.print(f"removed: {', '.join(made.files)}", markup=False)
     for name in made.left:

@@ -37,7 +37,7 @@ def foxglove(
     from socialbot.runs.foxglove_live import foxglove_server, play_to_foxglove
     from socialbot.runs.serving import Address, token_given
 
-    recorded, console = opened_run(run), Console(highlight=False, soft_wrap=True)
+    recorded, console = opened_run(run), Console(soft_wrap=True)
     address = Address(host, port, token_given(token))
     with ExitStack() as stack:
         bag = stack.enter_context(images_of(recorded))

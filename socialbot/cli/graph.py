@@ -39,7 +39,7 @@ def graph(
         loaded.with_stand_ins().expect_answers()
     elif runner == "ros":
         expect_types(loaded)
-    console = Console(highlight=False)
+    console = Console()
     configs = (*loaded.nodes, *loaded.stand_ins)
     extra = ("offers", "calls") if any(config.servers or config.clients for config in configs) else ()
     table = Table("node", "input", "output", *extra, title=loaded.name, title_justify="left", show_lines=True)
@@ -53,8 +53,8 @@ def graph(
     for config in loaded.nodes:
         for name, parameter in config.type.parameters().items():
             value = config.parameters.get(name, parameter.default)
-            console.print(f"{config.name}.{name} = {value!r}", style="bold", soft_wrap=True, markup=False)
-            console.print(f"    {parameter.doc}", style="dim", soft_wrap=True, markup=False)
+            console.print_plain(f"{config.name}.{name} = {value!r}", style="bold")
+            console.print_plain(f"    {parameter.doc}", style="dim")
 
 
 def _lacks(graph: Graph) -> Iterator[str]:

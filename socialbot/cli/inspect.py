@@ -64,7 +64,7 @@ def inspect(
             print_problems(run)
             title = str(run.folder)
         served = stack.enter_context(serving(run, Address(host, port, token_given(token)), commands))
-        announce(Console(highlight=False), served, title, show=show)
+        announce(Console(), served, title, show=show)
         wait_for_signal()
 
 
@@ -150,7 +150,7 @@ def watched(
 
 def announce(console: Console, served: Serving, what: str, *, show: bool = False) -> None:
     """Print the address of the page, and open it if ``show`` is set."""
-    console.print(f"{what}: Ctrl-C ends it", soft_wrap=True, markup=False)
+    console.print_plain(f"{what}: Ctrl-C ends it")
     console.print(f"Inspector: [bold]{served.url}[/]", soft_wrap=True)
     if show:
         typer.launch(served.url)

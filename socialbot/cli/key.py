@@ -33,7 +33,7 @@ def new(
 
     chosen = _folder(folder)
     secret, public = new_key(name, chosen)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     console.print(f"private: {secret}  keep it on this machine", markup=False)
     console.print(f"public:  {public}  copy it to all machines", markup=False)
     console.print(f"fingerprint: {fingerprint(load_keys(chosen, name).trusted[name])}", markup=False)
@@ -51,7 +51,7 @@ def list_keys(folder: FolderOption = None) -> None:
         table.add_row(name, fingerprint(public), "its private key is here" if name in private else "")
     for name, public in load_successors(chosen).items():
         table.add_row(name, fingerprint(public), "the next key")
-    Console(highlight=False).print(table if table.row_count else f"no keys in {chosen}")
+    Console().print(table if table.row_count else f"no keys in {chosen}")
 
 
 @key.command()
@@ -66,7 +66,7 @@ def rotate(
     from socialbot.bridge.keys import begin_rotation, finish_rotation
 
     chosen = _folder(folder)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     if finish:
         public = finish_rotation(name, chosen)
         console.print(f"{name} signs with its next key", markup=False)
@@ -87,7 +87,7 @@ def check(
     chosen = _folder(folder)
     keys = load_keys(chosen, name)
     others = ", ".join(sorted(set(keys.trusted) - {keys.name})) or "no other key"
-    Console(highlight=False, soft_wrap=True).print(f"{chosen}: signs as {keys.name}, trusts {others}", markup=False)
+    Console(soft_wrap=True).print(f"{chosen}: signs as {keys.name}, trusts {others}", markup=False)
 
 
 def _folder(given: Path | None) -> Path:

@@ -41,7 +41,7 @@ def list_states(
     for first, second in rows:
         table.add_row(Text(first, "bold"), Text(second))
     empty = "no managed nodes" if node is None else "no transitions"
-    Console(highlight=False).print(table if rows else empty)
+    Console().print(table if rows else empty)
 
 
 @lifecycle.command()

@@ -145,7 +145,7 @@ _UNUSABLE = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG, errno.EPERM)
 
 
 def _end_with(error: SocialbotError) -> NoReturn:
-    Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
+    Console(stderr=True).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
     sys.exit(error.exit_code)
 
 
@@ -153,7 +153,7 @@ def with_new_names(arguments: list[str]) -> list[str]:
     """Return the arguments with the new names of `RENAMED` options; print a warning for each old one."""
     if not arguments:
         return arguments
-    names, console = RENAMED.get(arguments[0], {}), Console(stderr=True, highlight=False)
+    names, console = RENAMED.get(arguments[0], {}), Console(stderr=True)
     words = arguments.copy()
     for place, word in enumerate(words):
         if word == "--":

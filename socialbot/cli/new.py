@@ -86,7 +86,7 @@ def new(
     if template == "planning" and robot is not None:
         raise ParameterError("has no camera and no head", where="--template planning", remedy="omit --robot")
     project = write_project(name, language, out, template, robot)
-    console = Console(highlight=False)
+    console = Console()
     rules = f"{name}/agent.{'asl' if language == 'asl' else 'py'}"
     what = f"a robot that greets people who come near. Its rules are in {rules}."
     if template == "planning":

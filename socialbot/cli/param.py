@@ -29,7 +29,7 @@ def list_parameters(
     """List the running nodes, or the parameters of one with their values."""
     from socialbot.bridge.node_services import parameter_client
 
-    console = Console(highlight=False)
+    console = Console()
     with parameter_client(timeout_s=timeout) as client:
         if node is None:
             console.print("\n".join(client.nodes()) or "no nodes", markup=False)

@@ -80,13 +80,13 @@ def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
         print_json(data)
         return
     if answer.plan is None:
-        Console(stderr=True, highlight=False).print(
+        Console(stderr=True).print(
             Text.assemble((f"{answer.verdict.value}: ", "bold red"), answer.message or planner), soft_wrap=True
         )
         return
     summary = f"{len(answer.plan.steps)} steps, makespan {answer.plan.makespan_s:.3f} s; {answer.verdict.value} by "
     summary += f"{planner} in {answer.seconds:.2f} s"
-    console = Console(highlight=False)
+    console = Console()
     if console.is_terminal:
         console.print(_table(answer.plan))
         console.print(summary, markup=False)
@@ -124,6 +124,6 @@ def _show_check(checked: PddlPlan, found: Sequence[str], as_json: bool) -> None:
     if not found:
         print_line(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")
         return
-    errors = Console(stderr=True, highlight=False)
+    errors = Console(stderr=True)
     for fault in found:
         errors.print(Text.assemble(("not valid: ", "bold red"), fault), soft_wrap=True)

@@ -62,7 +62,7 @@ def replay_bag(
     from socialbot.runtime.perception_cache import PerceptionCache
     from socialbot.runtime.run import new_run_folder, run
 
-    console = Console(highlight=False)
+    console = Console()
     enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"), verbose=verbose)
     whole = with_changes(graph, changes or [])
     takes_images = takes_images(whole.without_sources())

@@ -62,7 +62,7 @@ def simulate(
     from socialbot.runtime.simulated_source import SimulatedSource, image_topics
 
     graph = with_changes(graph, changes or [])
-    report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
+    report, folder, console = RunReport(graph), out or new_run_folder(), Console()
     enter_domain(context, console, domain, runner, verbose=verbose)
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     pictures = RecentPictures() if image_topics(graph) else None
@@ -102,7 +102,7 @@ def simulate(
         console.print()
         _print_summary(console, story)
         for line in view.summary(story.start, story.end) if view is not None else ():
-            console.print(line, soft_wrap=True, markup=False)
+            console.print_plain(line)
     print_outcome(console, result)
     console.print(f"\n{result.seconds:.1f} s, in {result.wall_s:.1f} s of real time; {result.ended}")
     write_page(console, record, title, report=report)
@@ -137,4 +137,4 @@ def _print_summary(console: Console, story: Story) -> None:
         planned = "" if planned_s is None else f", planned {planned_s:.1f} s"
         how = f"{desire.how or 'still wanted'}{f' after {took_s:.1f} s' if took_s is not None else ''}"
         reason = f": {desire.reason}" if desire.reason else ""
-        console.print(f"{desire.agent}: {desire.name} {how}{planned}{reason}", soft_wrap=True, markup=False)
+        console.print_plain(f"{desire.agent}: {desire.name} {how}{planned}{reason}")

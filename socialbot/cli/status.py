@@ -72,7 +72,7 @@ def status(
         graph, machines = join(file, machine)
         form = graph.wire
     roll = NodeStatuses(machines)
-    console = Console(highlight=False)
+    console = Console()
     with Ending().on_signals() as ending, calling(roll, form):
         if watch and not as_json:
             _watch(roll, ending, console)

@@ -84,7 +84,7 @@ def sweep(
     numbers = _names(compare, None, 2, "--compare")
     plan = SweepPlan(bags, variations, graph, expect, method, samples, seed, jobs, scheduler)
     folder = out or new_run_folder(Path("sweeps"))
-    console = Console(highlight=False)
+    console = Console()
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     try:
         with options.bar("", "runs") as show:
@@ -106,10 +106,10 @@ def sweep(
     if as_json:
         print_line(escaped_json(text.decode()), nl=False)
         return
-    _print(console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH), found, chosen, compared)
+    _print(console if console.is_terminal else Console(width=PAGE_WIDTH), found, chosen, compared)
     reused = f", {runner.reused} of them from before" if runner.reused else ""
     runs = len(found.cells) * len(bags)
-    console.print(f"{len(found.cells)} settings, {runs} runs{reused}; page: {page}", soft_wrap=True, markup=False)
+    console.print_plain(f"{len(found.cells)} settings, {runs} runs{reused}; page: {page}")
 
 
 def _names(text: str | None, known: object, count: int, where: str) -> tuple[str, ...]:
@@ -174,6 +174,6 @@ def _print(
         console.print(front.terminal(MAX_ROWS))
     if compared is not None:
         one, other, bag, difference = compared
-        console.print(f"\n{describe_pair(found, one, other)}, {bag}:", soft_wrap=True, markup=False)
+        console.print_plain(f"\n{describe_pair(found, one, other)}, {bag}:")
         for line in difference.text():
-            console.print(line, soft_wrap=True, markup=False)
+            console.print_plain(line)

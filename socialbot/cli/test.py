@@ -97,7 +97,7 @@ def test(
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.trials import Trial
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     enter_domain(context, console, domain, runner, ("domain",), verbose=verbose)
     trials = [Trial(each, graph, tuple(changes or ()), runner, limit, cache) for each in sources]
     folder = out or new_run_folder()
@@ -193,7 +193,7 @@ def _monitor(expectations: list[Expectation], file: str, machine: str | None, ch
     from socialbot.runs.run import wording_of
     from socialbot.runtime.run import observed_topics
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(soft_wrap=True)
     graph, _ = options.join(file, machine)
     graph = with_changes(graph, changes)
     watched = BehaviourMonitor(expectations)
@@ -204,9 +204,7 @@ def _monitor(expectations: list[Expectation], file: str, machine: str | None, ch
         diagnostics = DiagnosticsPublisher(ros)
         observe = with_event_log(graph, watched.observe)
         with observe_graph(topics, observe, lambda *_: None, graph.wire), Ending().on_signals() as ending:
-            console.print(
-                f"{options.many(len(expectations), 'expectation')} on {graph.name}, until Ctrl-C", markup=False
-            )
+            console.print_plain(f"{options.many(len(expectations), 'expectation')} on {graph.name}, until Ctrl-C")
             while not ending.asked:
                 now = ros.get_clock().now().nanoseconds
                 for violation in watched.poll(now):

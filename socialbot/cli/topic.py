@@ -55,7 +55,7 @@ def list_topics(
     for each in topics:
         types = ", ".join(name.replace("/msg/", "/") for name in each.types)
         table.add_row(Text(each.name, "bold"), Text(types), str(each.publishers), str(each.subscribers))
-    Console(highlight=False).print(table if topics else "no topics")
+    Console().print(table if topics else "no topics")
 
 
 @topic.command()

@@ -42,18 +42,14 @@ def translate(
     from socialbot.bridge.translator import Translator, translated_topics
     from socialbot.graph.files import with_changes
 
-    console = Console(highlight=False)
+    console = Console()
     graph, _ = join(file, machine)
     graph = with_changes(graph, changes or [])
     with spinning_node("translator", context.obj) as ros:
         translator = Translator(ros, graph, head=head)
         for topic in translator.topics:
-            console.print(topic, markup=False, soft_wrap=True)
+            console.print_plain(topic)
         for package in sorted(translator.missing):
-            console.print(
-                f"without {package}: it is not installed, or its libraries are not found",
-                style="yellow",
-                soft_wrap=True,
-            )
+            console.print_plain(f"without {package}: it is not installed, or its libraries are not found", "yellow")
         with observe_graph(translated_topics(graph), translator.take, lambda *_: None, graph.wire):
             wait_for_signal()

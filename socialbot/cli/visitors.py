@@ -30,7 +30,7 @@ def visitors(
     if as_json:
         print_json(found)
     else:
-        console = Console(highlight=False)
+        console = Console()
         if found:
             console.print(visit_table(found).terminal())
         people = many(len({visit.person for visit in found}), "person").replace("persons", "people")

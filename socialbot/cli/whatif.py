@@ -70,7 +70,7 @@ def whatif(
         missing = "--at" if at is None else "--believe, --forget, --set, --rule or another change"
         raise ParameterError("nothing to branch", where="whatif", remedy=f"give {missing}")
     recorded, folder, at_s = opened_run(run), out or new_run_folder(), seconds_of(at)
-    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    console, errors = Console(), Console(stderr=True)
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     futures = branch(recorded, at_s, wanted, agent, folder)
     if not futures.reproduced:
@@ -85,12 +85,12 @@ def whatif(
         table = options.plain_table("", "as it was", ", ".join(map(str, wanted)))
         for time, before, now in rows:
             table.add_row(f"{time:.2f} s", escape(before), "the same" if before and before == now else escape(now))
-        shown = console if sys.stdout.isatty() else Console(highlight=False, width=150)
+        shown = console if sys.stdout.isatty() else Console(width=150)
         shown.print(table if rows else f"No agent acts after {at_s:.2f} s in either run.")
         console.print()
         for line in found.text():
-            console.print(line, soft_wrap=True, markup=False)
-        console.print(f"\nBoth runs: {folder}", soft_wrap=True, markup=False)
+            console.print_plain(line)
+        console.print_plain(f"\nBoth runs: {folder}")
     if html is not None:
         from socialbot.runs.report import difference_page
         from socialbot.runs.report import recorded as opened
