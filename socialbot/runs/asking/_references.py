@@ -300,9 +300,6 @@ def _number_behind(reading: Reading, person: int) -> int | None:
 def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
     """Return which time a deed was done, 'the first time', 'the second greeting'; ``referred`` words name people."""
     words, phrases = reading.words, reading.language.phrases
-    for n in range(1, len(words)):
-        if (words[n],) in phrases["time"] and n - 1 not in reading.taken and number_at(words, n - 1) is not None:
-            reading.taken |= {n - 1, n}  # "two times"
     for one in phrases["end"]:
         alike, places = likeness(one, words, 0)
         if alike > _WHOLE:
