@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,7 @@ def export(evaluation: Evaluation, name: str, path: Path) -> list[Path]:
             continue
         for clip in (clip for scene in result.scenes.values() for clip in scene.clips):
             if clip.source.images.consecutive:
-                name_of = re.sub(r"[^\w.-]+", "-", clip.source.name)
-                place = (path / detector if several else path) / f"{name_of}.txt"
+                place = _free(path / detector if several else path, clip.source.name, files)
                 files[place] = "".join(f"{line}\n" for line in mot_lines(clip)).encode()
     if not files:
         raise ParameterError(
@@ -54,6 +54,13 @@ def export(evaluation: Evaluation, name: str, path: Path) -> list[Path]:
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(data)
     return list(files)
+
+
+def _free(folder: Path, name: str, taken: Collection[Path]) -> Path:
+    """File for the recording ``name``: different names may have the same letters, so a number follows."""
+    plain = re.sub(r"[^\w.-]+", "-", name)
+    places = itertools.chain([folder / f"{plain}.txt"], (folder / f"{plain}-{n}.txt" for n in itertools.count(2)))
+    return next(place for place in places if place not in taken)
 
 
 def coco_results(result: DetectorResult) -> list[dict[str, Any]]:

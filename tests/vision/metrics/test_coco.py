@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,15 @@ def test_tracks_are_ten_columns_with_whole_numbers(tmp_path):
     [written] = export(evaluation, "mot", tmp_path / "tracks")
     assert written == tmp_path / "tracks" / "clip.txt"
     assert written.read_text().splitlines() == [",".join(line) for line in lines]
+
+
+def test_recordings_with_similar_names_have_files_of_their_own(tmp_path):
+    source = bag_source(drawn_bag(tmp_path, frames=2, objects=[]))
+    names = ("hall 1", "hall-1", "hall-1-2", "hall/1")
+    evaluation = evaluated([replace(source, name=name, scene=name) for name in names])
+    written = export(evaluation, "mot", tmp_path / "tracks")
+    assert [path.name for path in written] == ["hall-1.txt", "hall-1-2.txt", "hall-1-2-2.txt", "hall-1-3.txt"]
+    assert all(path.is_file() for path in written)
 
 
 def test_single_images_have_no_tracks(tmp_path):
