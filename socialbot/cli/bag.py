@@ -13,7 +13,7 @@ from rich.table import Table
 
 from socialbot.bags import codec
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import BagArgument, ParentOption, bar, plain_table
+from socialbot.cli._options import BagArgument, ParentOption, bar, many, plain_table
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
@@ -65,7 +65,7 @@ def play(
         played = play_bag(opened, topics, playing, parent=parent)
     if report is not None:
         report.write_bytes(msgspec.json.encode(played))
-    print_line(f"played {played.sent} messages, {played.unanswered} images were not answered in time")
+    print_line(f"played {many(played.sent, 'message')}; images not answered in time: {played.unanswered}")
 
 
 _YEAR_2000 = 946_684_800 * SECOND
@@ -92,7 +92,9 @@ def info(
         began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
         since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
         count = sum(topic.count for topic in opened.topics)
-        console.print(f"[bold]{escape(opened.path.name)}[/]  {opened.duration_s:.1f} s, {count} messages{since}")
+        console.print(
+            f"[bold]{escape(opened.path.name)}[/]  {opened.duration_s:.1f} s, {many(count, 'message')}{since}"
+        )
         console.print(_table(opened, images, checked=not quick))
         for topic, skipped in sorted(opened.skipped.items()):
             console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
@@ -139,7 +141,7 @@ def import_(
         )
     size = f"{made.width}x{made.height}"
     sound_text = f", {made.sound_s:.1f} s of sound" if made.sound_s else ""
-    text = f"{made.images} images of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
+    text = f"{many(made.images, 'image')} of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
     Console().print(text)
 
 
@@ -175,7 +177,7 @@ def record(
         console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}")
     for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
         console.print(f"[yellow]no messages on[/] /{escape(topic)}")
-    console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s")
+    console.print(f"{many(sum(made.counts.values()), 'message')} in {made.duration_s:.1f} s")
 
 
 def _redact_recording(
@@ -219,7 +221,7 @@ def convert(
         console.print(f"[yellow]as before[/]: {escape(topic)}: {kept.count}, first: {escape(kept.first)}")
     for topic, skipped in sorted(made.skipped.items()):
         console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
-    console.print(f"{made.messages} messages in {made.path}, {made.converted} of them now {wire}")
+    console.print(f"{many(made.messages, 'message')} in {made.path}, {made.converted} of them now {wire}")
 
 
 @bag.command()
@@ -253,12 +255,12 @@ def redact(
 def _print_redaction(console: Console, made: Redaction) -> None:
     """Print the changed and the unchanged parts of a bag."""
     for topic, count in sorted(made.images.items()):
-        console.print(f"blurred: {count} images of {topic}", markup=False)
+        console.print(f"blurred: {many(count, 'image')} of {topic}", markup=False)
     for topic, count in sorted(made.emptied.items()):
         reason = " that cannot be decoded" if topic in made.unreadable else ""
-        console.print(f"emptied: {count} messages of {topic}{reason}", markup=False)
+        console.print(f"emptied: {many(count, 'message')} of {topic}{reason}", markup=False)
     for topic, count in sorted(made.left_out.items()):
-        console.print(f"left out: {count} messages of {topic}: their pictures cannot be redacted", markup=False)
+        console.print(f"left out: {many(count, 'message')} of {topic}: their pictures cannot be redacted", markup=False)
     for topic, kind in sorted(made.unknown.items()):
         console.print(f"[yellow]kept[/]: {escape(topic)}: {escape(kind)} is unknown and may hold pictures")
     for topic in made.depth:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -79,8 +80,6 @@ def test_info_of_a_missing_bag(tmp_path: Path) -> None:
 
 
 def test_import_makes_a_bag(tmp_path: Path) -> None:
-    import cv2
-
     (tmp_path / "images").mkdir()
     for index in range(3):
         cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), np.zeros((48, 64, 3), np.uint8))
@@ -90,6 +89,12 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
     assert "3 images of 32x24, 0.4 s" in output
     with open_bag(tmp_path / "bag") as bag:
         assert (bag.start, bag.duration_s) == (3 * SECOND, 0.4)
+
+
+def test_import_of_one_image(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((48, 64, 3), np.uint8))
+    assert "1 image of 64x48" in run("import", str(tmp_path / "images"), str(tmp_path / "bag"))
 
 
 # Recording
