@@ -287,6 +287,7 @@ class LabelledSource:
         identities: Whether the ids of people are the same in all frames.
         category: Id of the class of people, for COCO results.
         notes: What was assumed or left out when reading the labels.
+        classes: Names of the classes in the labels.
     """
 
     name: str
@@ -299,6 +300,7 @@ class LabelledSource:
     identities: bool = True
     category: Key = 1
     notes: tuple[str, ...] = ()
+    classes: tuple[str, ...] = ()
 
 
 def with_own_names(found: Sequence[tuple[Path, LabelledSource]]) -> list[LabelledSource]:

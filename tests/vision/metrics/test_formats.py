@@ -38,6 +38,9 @@ from tests.vision.metrics.label_files import (
     write,
 )
 
+CARS = "".join(f"{name} 0 0 0 40 20 70 100 1.7 0.6 0.8 0 1.6 4 0\n" for name in ("Car", "DontCare"))
+"""KITTI labels without people."""
+
 MASK = "df4`2X1000000000000000000hNROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0:ROFn0b1000000000000000000l`:"
 """Run lengths of BOX with a hole, as pycocotools writes them."""
 
@@ -204,6 +207,31 @@ def test_unknown_format(tmp_path):
 )  # fmt: skip
 def test_classes_of_people(name, role):
     assert role_of(name) == role
+
+
+@pytest.mark.parametrize(
+    ("files", "images"),
+    [
+        ({"coco.json": coco(categories=[{"id": 3, "name": "van"}, {"id": 5, "name": "car"}])}, ("a.jpg", "b.jpg")),
+        ({"label_2/1.txt": CARS}, ("image_2/1.png",)),
+        ({"label_02/1.txt": f"0 1 {CARS.splitlines()[0]}\n"}, ("image_02/1/0.png",)),
+        ({"Annotations/a.xml": voc(thing("cat"))}, ("JPEGImages/a.jpg",)),
+        ({"gt/gt.txt": "1,1,40,20,30,80,1,3,1\n"}, ("img1/1.jpg",)),
+        ({"labels/a.txt": YOLO, "classes.txt": "cat\ncar\ndog\n"}, ("images/a.jpg",)),
+    ],
+)
+def test_labels_of_other_classes_alone_are_refused(tmp_path, files, images):
+    write(tmp_path, files, images)
+    with pytest.raises(TruthError, match="no class of people among its classes: .*\n.*name it with --people"):
+        labelled_sources(tmp_path)
+
+
+def test_a_recording_without_people_beside_one_with_people(tmp_path):
+    files = {"label_02/0.txt": f"0 1 {CARS.splitlines()[0]}\n", "label_02/1.txt": TRACKING}
+    write(tmp_path, files, ("image_02/0/0.png", *(f"image_02/1/{number:06}.png" for number in range(3))))
+    alone, both = labelled_sources(tmp_path)
+    assert not any(frame.persons for frame in alone.frames)
+    assert any(frame.persons for frame in both.frames)
 
 
 def test_further_classes_of_people(tmp_path):

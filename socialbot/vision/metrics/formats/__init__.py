@@ -14,7 +14,7 @@ import msgspec
 from socialbot.core.errors import ParameterError, TruthError, suggestion
 from socialbot.core.references import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
-from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
+from socialbot.vision.metrics.formats._labels import Labels, check_people, fault, labelled_images
 from socialbot.vision.metrics.formats._others import format_of_json, unread_format
 from socialbot.vision.metrics.formats.coco import COCO
 from socialbot.vision.metrics.formats.cvat import CVAT
@@ -124,5 +124,6 @@ def labelled_sources(
     place = images if truth is not None else None
     places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]
     sources = with_own_names([(each, source) for each in places for source in chosen.read(each, place, people)])
+    check_people({name for source in sources for name in source.classes}, people, labels)
     note = chosen.note(labels) if labels.is_dir() else ""
     return [replace(sources[0], notes=(*sources[0].notes, note)), *sources[1:]] if note and sources else sources

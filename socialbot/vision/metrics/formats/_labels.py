@@ -237,11 +237,9 @@ class Labels:
             )
         )
 
-    def check_people(self, classes: Iterable[str]) -> None:
-        """Raises TruthError if there are ``classes``, but none of people."""
-        names = sorted({*self.classes, *classes})
-        if names and not any(role_of(name, self.people) != "other" for name in names):
-            raise fault(f"no class of people among its classes: {_some(names)}", self.path, "name it with --people")
+    def declare(self, classes: Iterable[str]) -> None:
+        """Add the names of classes that need not have a box."""
+        self.classes.update(dict.fromkeys(classes, 0))
 
     def source(
         self,
@@ -283,12 +281,13 @@ class Labels:
             f"not used: {count} {'box' if count == 1 else 'boxes'} {what}" for what, count in self.skipped.most_common()
         ]
         if not any(self.persons.values()):
-            classes = f" Its classes are {_some(sorted(self.classes))}; name one with --people" if self.classes else ""
+            boxed = +self.classes
+            classes = f" Its classes are {_some(sorted(boxed))}; name one with --people" if boxed else ""
             skipped.insert(0, f"nobody is labelled.{classes}")
         notes = (*self.notes, *skipped)
         return LabelledSource(
-            name, name, "", images, frames,
-            least_visible=0.0, format=format, identities=identities, category=category, notes=notes,
+            name, name, "", images, frames, least_visible=0.0, format=format, identities=identities,
+            category=category, notes=notes, classes=tuple(self.classes),
         )  # fmt: skip
 
     def single_source(
@@ -314,6 +313,13 @@ class Labels:
             self.notes.append(f"{len(lost)} labelled frames have no image")
         entries = [Entry(frame, shown, stamp, frame + 1, size) for frame, shown, stamp in numbered]
         return self.source(name, format, images, entries, identities=True)
+
+
+def check_people(classes: Iterable[str], people: Sequence[str], path: Path) -> None:
+    """Raises TruthError if there are ``classes``, but none of people."""
+    names = sorted(classes)
+    if names and not any(role_of(name, people) in ("person", "ignored") for name in names):
+        raise fault(f"no class of people among its classes: {_some(names)}", path, "name it with --people")
 
 
 def _some(names: Sequence[str]) -> str:
@@ -457,7 +463,6 @@ def labelled_images(labels: Labels, format: str, folder: Path) -> LabelledSource
     files = {path.name: path for path in image_files(folder)}
     labelled = {str(key) for key in (*labels.persons, *labels.regions)}
     missing_images(sorted(labelled - files.keys()), len(labelled), folder, labels)
-    labels.check_people(())
     found = [(name, name, file, None) for name, file in files.items()]
     return labels.single_source(folder.resolve().name, format, found)
 

@@ -156,7 +156,7 @@ def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()
     by_id = {image.id: image for image in listed}
     annotations = _single(_parsed(data.annotations, _Annotation, path, "annotations"), path)
     identities = _add_annotations(labels, annotations, by_id, categories)
-    labels.check_people(categories.values())
+    labels.declare(categories.values())
     people_ids = [id for id, name in categories.items() if role_of(name, people) == "person"]
     finder = ImageFinder(*([images] if images else [path.parent / path.stem.rpartition("_")[2], *_nearby(path)]))
     found = {image.id: finder.find(image.file_name) for image in listed}

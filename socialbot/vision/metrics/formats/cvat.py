@@ -55,7 +55,7 @@ def read_cvat(path: Path, images: Path | None = None, people: Sequence[str] = ()
         source = _video(root, labels, images)
     else:
         source = _images(root, labels, images)
-    labels.check_people(classes)
+    labels.declare(classes)
     return [source]
 
 

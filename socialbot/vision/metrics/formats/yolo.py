@@ -147,7 +147,7 @@ def _source(
             labels.add(str(path), names.get(int(number), f"{int(number)}" if number else first), box, place)
     if unlabelled:
         labels.notes.append(f"{unlabelled} of {len(files)} images have no label file: they show nobody")
-    labels.check_people(names.values())
+    labels.declare(names.values())
     return labels.single_source(name, "yolo", [(str(path), path.name, path, None) for path in files])
 
 
