@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,12 @@ _SAME = 0.03
 _PLACED_NS = 2 * SECOND  # Transforms that place the camera come within this time of its first image.
 _LOST_NS = 2 * SECOND  # Transforms of moving frames without news for this time have stopped.
 _MOST_POINTS = 120_000
+_LEAST_POINTS, _IN_FRONT, _FIELD = 50, 0.98, 0.25
+"""Points from which their axes are known, and the share of them in the field of view of a camera: a cone of 75
+degrees, by its cosine."""
+
+_Axes = Literal["body", "optical"]
+"""Axes forward, left and up, or right, down and forward (REP-103)."""
 
 
 @dataclass
@@ -118,14 +124,17 @@ class DepthSensors:
     def at(self, stamp: int, frame_id: str, camera: CameraModel) -> tuple[RangeImage, ...]:
         """Measurements for the picture of ``stamp`` (ns) in ``frame_id``; unusable ones are logged once."""
         images: list[RangeImage | None] = []
-        depth, cloud = _nearest(self._depth, stamp), _nearest(self._clouds, stamp)
-        try:
-            if depth is not None and abs(depth.stamp - stamp) <= nanoseconds(self.tolerance_s):
-                images.append(self._depth_image(depth, frame_id, camera, abs(depth.stamp - stamp) / SECOND))
-            if cloud is not None and abs(cloud.stamp - stamp) <= nanoseconds(self.tolerance_s):
-                images.append(self._cloud(cloud, frame_id, camera, abs(cloud.stamp - stamp) / SECOND))
-        except ImageError as error:
-            self._warn(str(error))
+        for message in (_nearest(self._depth, stamp), _nearest(self._clouds, stamp)):
+            if message is None or abs(message.stamp - stamp) > nanoseconds(self.tolerance_s):
+                continue
+            age_s = abs(message.stamp - stamp) / SECOND
+            try:
+                if isinstance(message, PointCloud):
+                    images.append(self._cloud(message, frame_id, age_s))
+                else:
+                    images.append(self._depth_image(message, frame_id, camera, age_s))
+            except ImageError as error:
+                self._warn(str(error))
         return tuple(image for image in images if image is not None)
 
     def _depth_image(
@@ -152,15 +161,20 @@ class DepthSensors:
             return None
         return ProjectedPoints(_transformed(_points(pixels, intrinsics), to_camera), age_s, "depth")
 
-    def _cloud(self, message: PointCloud, frame_id: str, camera: CameraModel, age_s: float) -> RangeImage | None:
-        same_frame = message.frame_id.lstrip("/") == frame_id.lstrip("/")
-        to_camera = np.eye(4) if same_frame else self._to_camera(message.frame_id, frame_id, message.stamp, "points")
-        if to_camera is None:
-            return None
+    def _cloud(self, message: PointCloud, frame_id: str, age_s: float) -> RangeImage | None:
         points = points_of(message)
         points = points[:: 1 + len(points) // _MOST_POINTS]
-        # An organised cloud comes from a depth camera.
-        source: Source = "depth" if message.height > 1 and OPTICAL.search(message.frame_id) else "lidar"
+        axes = _axes_of(points)
+        same_frame = message.frame_id.lstrip("/") == frame_id.lstrip("/")
+        if same_frame:
+            to_camera = AXES if axes == "body" else np.eye(4)
+        else:
+            to_camera = self._to_camera(message.frame_id, frame_id, message.stamp, "points", axes)
+        if to_camera is None:
+            return None
+        # An organised cloud of points in front of its sensor comes from a depth camera.
+        camera = axes is not None or OPTICAL.search(message.frame_id)
+        source: Source = "depth" if message.height > 1 and camera else "lidar"
         return ProjectedPoints(_transformed(points, to_camera), age_s, source)
 
     def _intrinsics(self, width: int, height: int) -> CameraModel | None:
@@ -170,14 +184,21 @@ class DepthSensors:
             return None
         return CameraModel.from_info(info).scaled(width, height)
 
-    def _to_camera(self, sensor: str, camera: str, stamp: int, what: str) -> Matrix | None:
-        """Transform from the frame ``sensor`` to the optical axes of ``camera``; None, with a warning, if unknown."""
+    def _to_camera(self, sensor: str, camera: str, stamp: int, what: str, axes: _Axes | None = None) -> Matrix | None:
+        """Transform from the frame ``sensor`` to the optical axes of ``camera``; None, with a warning, if unknown.
+
+        ``axes`` are those of the measurements, if these show them: drivers and simulators also name another frame.
+        """
         found = self._transforms.lookup(camera, sensor, stamp)
-        sensor_is_optical = what == "depth" or OPTICAL.search(sensor) is not None
+        named_optical = OPTICAL.search(sensor) is not None
+        sensor_is_optical = what == "depth" or axes == "optical" or (axes is None and named_optical)
         if found is not None:
+            if found[2, 2] <= 0.7 or sensor_is_optical:  # the axes of both frames differ, or are both optical
+                return found
+            if named_optical:
+                return found @ AXES
             # Some drivers name the body frame of a camera, whose z axis points up, as that of its images.
-            upright = found[2, 2] > 0.7 and not sensor_is_optical and not OPTICAL.search(camera)
-            return AXES @ found if upright else found
+            return found if OPTICAL.search(camera) else AXES @ found
         if self._pose is not None:
             return AXES @ self._pose @ (AXES.T if sensor_is_optical else np.eye(4))
         self._warn(
@@ -190,6 +211,18 @@ class DepthSensors:
         if text not in self._warned:
             self._warned.add(text)
             log.warning("%s", text)
+
+
+def _axes_of(points: np.ndarray) -> _Axes | None:
+    """Axes of points (n, 3) that are all in the field of view of a camera; None if they are not, as of a lidar."""
+    if len(points) < _LEAST_POINTS:
+        return None
+    distances = np.linalg.norm(points, axis=1, keepdims=True)
+    ahead = (points > _FIELD * distances).mean(axis=0)
+    is_body, is_optical = ahead[0] > _IN_FRONT, ahead[2] > _IN_FRONT
+    if is_body == is_optical:
+        return None
+    return "body" if is_body else "optical"
 
 
 def _nearest(kept: Iterable[M], stamp: int) -> M | None:

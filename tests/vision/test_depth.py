@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,6 +23,7 @@ from socialbot.vision.depth import ProjectedPoints, measure_people
 from socialbot.vision.depth_images import depth_in_metres, points_of, raw_depth, unpacked_depth
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.distance import Estimate
+from socialbot.vision.transforms import AXES
 from tests.vision.depth_scenes import (
     CAMERA,
     Blob,
@@ -430,6 +432,66 @@ def test_lidar_with_floor_wall_and_occluders(rings: int) -> None:
     assert np.median(errors) < 0.02
     assert np.quantile(errors, 0.9) < 0.05
     assert np.mean(honest) >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("image", "sensor", "axes", "tree"),
+    [
+        ("camera_link", "camera_link", "body", ()),
+        ("camera_link_optical", "camera_link_optical", "body", ()),  # Gazebo
+        ("rgb_camera_link", "rgb_camera_link", "optical", ()),
+        ("rgb_camera_link", "depth_camera_link", "optical", ((0.03, 0.004, 0.002), (0, 0, 0, 1))),  # Azure Kinect
+        ("camera_link", "depth_link", "body", ((0.002, 0.03, 0.004), (0, 0, 0, 1))),
+        ("rgb_optical", "depth_optical", "optical", ((0.03, 0.004, 0.002), (0, 0, 0, 1))),
+        ("rgb_optical", "depth_optical", "body", ((0.03, 0.004, 0.002), (0, 0, 0, 1))),
+        ("left_optical", "left_frame", "body", ((0.0, 0.0, 0.0), (0.5, -0.5, 0.5, 0.5))),  # ZED
+    ],
+)
+@pytest.mark.parametrize("left", [-0.6, 0.5])
+def test_axes_of_a_cloud_follow_from_its_points(
+    image: str, sensor: str, axes: str, tree: tuple[Any, ...], left: float
+) -> None:
+    room = Room([Blob(2.5, left)], wall=6.0)
+    depth = render(room)
+    rows, columns = np.indices(depth.shape)
+    x, y = CAMERA.points(columns + 0.5, rows + 0.5)
+    points = np.stack([x * depth, y * depth, depth], axis=-1).reshape(-1, 3)
+    if axes == "body":
+        points = points @ AXES[:3, :3]
+    sensors = DepthSensors()
+    if tree:
+        sensors.take(Transforms(stamp=0, transforms=(transform(image, sensor, *tree),)))
+    organised = {"height": CAMERA.height, "width": CAMERA.width, "row_step": 32 * CAMERA.width}
+    sensors.take(msgspec.structs.replace(cloud(points, frame=sensor), **organised))
+    ranges = sensors.at(0, image, CAMERA)
+    (found,) = measure_people(ranges, CAMERA, [box_of(room, 0)], [guessed(2.0)])
+    assert found is not None
+    assert found.estimate.value == pytest.approx(room.people[0].distance, rel=0.05)
+    assert found.source == "depth"
+
+
+def test_axes_of_a_lidar_follow_from_its_frame() -> None:
+    room = Room([Blob(3.0, 0.4)], wall=6.0)
+    points = scan(room, 0.3, rings=32)
+    points = np.concatenate([points[points[:, 2] > 0], points[points[:, 2] > 0] * [-1, -1, 1]])  # without the floor
+    sensors = DepthSensors()
+    sensors.take(Transforms(stamp=0, transforms=(transform("camera_link", "lidar", (0.0, 0.0, -1.0)),)))
+    sensors.take(cloud(points))
+    (found,) = measure_people(sensors.at(0, "camera_link", LEVEL), LEVEL, [box_of(room, 0, LEVEL)], [guessed(3.0)])
+    assert found is not None
+    assert found.estimate.value == pytest.approx(room.people[0].distance, rel=0.05)
+    assert found.source == "lidar"
+
+
+def test_a_damaged_sensor_leaves_the_other_one(caplog: pytest.LogCaptureFixture) -> None:
+    room = Room([Blob(3.0)], wall=15.0)
+    sensors = DepthSensors()
+    sensors.set_pose("0 0 -0.4 0 0 0")
+    sensors.take(CompressedDepth(stamp=0, frame_id="eye", format="16UC1; compressedDepth", data=np.zeros(4, np.uint8)))
+    sensors.take(cloud(scan(room, 0.9)))
+    with caplog.at_level("WARNING"):
+        assert [each.source for each in sensors.at(0, "eye", LEVEL)] == ["lidar"]
+    assert len(caplog.records) == 1
 
 
 def test_lidar_without_enough_points() -> None:

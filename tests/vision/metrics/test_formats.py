@@ -222,7 +222,7 @@ def test_classes_of_people(name, role):
 )
 def test_labels_of_other_classes_alone_are_refused(tmp_path, files, images):
     write(tmp_path, files, images)
-    with pytest.raises(TruthError, match="no class of people among its classes: .*\n.*name it with --people"):
+    with pytest.raises(TruthError, match=r"no class of people among its classes: .*\n.*name it with --people"):
         labelled_sources(tmp_path)
 
 
