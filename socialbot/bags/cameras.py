@@ -141,6 +141,16 @@ def best_points(topics: Mapping[str, str], *, with_depth: bool) -> str | None:
     return min(names, key=lambda topic: (bool(_DERIVED.search(topic)), not _LIDAR.search(topic), topic), default=None)
 
 
+def transform_topics(image: str, topics: Iterable[str]) -> list[str]:
+    """Those of the ``topics`` with transforms that place the camera of ``image``: tf and tf_static of its robot."""
+    words = {topic: topic.rpartition("/") for topic in topics}
+    found: list[str] = []
+    for name in ("tf", "tf_static"):
+        around = [topic for topic, (space, _, last) in words.items() if last == name and image.startswith(f"{space}/")]
+        found += sorted(around, key=len)[-1:]
+    return found
+
+
 def _shared(one: str, other: str) -> int:
     """Number of leading words that two topics share."""
     pairs = zip(one.split("/"), other.split("/"), strict=False)

@@ -76,10 +76,11 @@ def _depth_feeds(bag: Bag, image_topic: str, inputs: Mapping[str, type[Message]]
     """Map depth images, point clouds and transforms to the inputs that take them."""
     feeds: dict[str, str] = {}
     sensors = bag.depth_sensors_for(image_topic) if set(inputs.values()) & set(MEASURED) else {}
+    sensors |= bag.transforms_for(image_topic)
     for name, kind in sensors.items():
         takers = [topic for topic, each in inputs.items() if each is kind]
-        # The two topics of transforms have inputs of their own.
-        target = name if name in takers else next(iter(takers), None)
+        # The two topics of transforms have inputs of their own; the recorded ones may be in the namespace of a robot.
+        target = next((topic for topic in takers if name.endswith(topic)), next(iter(takers), None))
         if target is not None:
             feeds[name] = target
     measuring = [name for name in feeds if sensors[name] in MEASURED]

@@ -24,7 +24,16 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from socialbot.bags import codec
 from socialbot.bags._files import Reader, broken, open_file, open_folder
 from socialbot.bags._files import natural as natural
-from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
+from socialbot.bags.cameras import (
+    ImageKind,
+    best,
+    best_depth,
+    best_points,
+    camera_of,
+    depth_first,
+    image_kind,
+    transform_topics,
+)
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets
 from socialbot.bags.types import RosbagsTypes, TypeProblem, deserialize, is_ros1, to_cdr, type_problem
 from socialbot.bags.writer import BagWriter
@@ -305,14 +314,14 @@ class Bag(AbstractContextManager["Bag"]):
         if (points := best_points(clouds, with_depth=depth is not None)) is not None:
             found[points] = PointCloud
         if any(self._frame(name) != frame for name in found):
-            found |= self.transforms
+            found |= self.transforms_for(image_topic)
         return found
 
-    @property
-    def transforms(self) -> dict[str, type[Message]]:
-        """The topics of transforms, and their message types."""
-        kinds = {topic.name: codec.decodable_types().get(topic.type) for topic in self.topics}
-        return {name: Transforms for name in ("/tf", "/tf_static") if kinds.get(name) is Transforms}
+    def transforms_for(self, image_topic: str) -> dict[str, type[Message]]:
+        """The topics of transforms in the namespace of ``image_topic``, or in one around it, and their types."""
+        types = codec.decodable_types()
+        names = [topic.name for topic in self.topics if types.get(topic.type) is Transforms]
+        return dict.fromkeys(transform_topics(image_topic, names), Transforms)
 
     def _frame(self, name: str) -> str:
         """Frame of the first message on a topic; empty if unknown."""

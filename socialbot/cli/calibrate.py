@@ -66,7 +66,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         GraphError: No topic can have this name, or nobody publishes it.
         ParameterError: It has no images.
     """
-    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind, is_rectified
+    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind, is_rectified, transform_topics
     from socialbot.bags.codec import ROS_TYPES, decodable_types
     from socialbot.bridge.topics import await_publisher, merged_messages, observer_node, settled_topics
     from socialbot.core.errors import ImageError, ParameterError
@@ -93,7 +93,8 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
             raise ParameterError("has no pictures", where=topic, remedy=remedy)
         types = {each.name: each.types[0] for each in settled_topics(ros)}
         topics: dict[str, type[Message]] = {topic: kind}
-        topics |= {name: Transforms for name in ("/tf", "/tf_static") if types.get(name) == ROS_TYPES[Transforms]}
+        trees = [name for name, type in types.items() if type == ROS_TYPES[Transforms]]
+        topics |= dict.fromkeys(transform_topics(topic, trees), Transforms)
         depths = {
             name: DepthImage if types[name] == ROS_TYPES[DepthImage] else CompressedDepth
             for name in types

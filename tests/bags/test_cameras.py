@@ -17,6 +17,7 @@ from socialbot.bags.cameras import (
     depth_first,
     image_kind,
     is_rectified,
+    transform_topics,
 )
 from socialbot.bags.playback import feeding
 from socialbot.bags.reader import BagWriter, open_bag
@@ -221,6 +222,28 @@ def test_depth_feeds_the_person_detector(tmp_path: Path) -> None:
         assert order.index(("/camera/depth/image_raw", time)) < order.index(("/camera/image_raw", time))
     with open_bag(depth_bag(tmp_path / "other", frame="depth")) as bag:
         assert bag.depth_sensors_for(RAW)["/tf"] is Transforms
+
+
+@pytest.mark.parametrize(
+    ("image", "trees", "chosen"),
+    [
+        ("/camera/image_raw", ["/tf_static", "/tf"], ["/tf", "/tf_static"]),
+        ("/robot1/camera/image_raw", ["/robot1/tf", "/robot2/tf", "/robot2/tf_static"], ["/robot1/tf"]),
+        ("/robot1/camera/image_raw", ["/tf", "/robot1/tf", "/tf_static"], ["/robot1/tf", "/tf_static"]),
+        ("/robot10/camera/image_raw", ["/robot1/tf", "/robot1/tf_static"], []),
+    ],
+)
+def test_transforms_of_the_robot_of_the_camera(image: str, trees: list[str], chosen: list[str]) -> None:
+    assert transform_topics(image, trees) == chosen
+
+
+def test_transforms_in_a_namespace_feed_the_person_detector(tmp_path: Path) -> None:
+    graph = load_graph("waldo").without_sources()
+    image, still = "/robot1/camera/image_raw", Transforms(stamp=START, transforms=())
+    contents = [(image, START, picture(START)), ("/robot1/tf", START, still), ("/robot1/tf_static", START, still)]
+    with open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag:
+        feeds = feeding(bag, graph, None)
+    assert feeds == {image: "/camera/image_raw", "/robot1/tf": "/tf", "/robot1/tf_static": "/tf_static"}
 
 
 def test_messages_with_distances_are_told_apart(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ class BagImages:
         with open_bag(self.path) as bag:
             info_topic = bag.camera_info_topic_for(self.image_topic)
             depth = bag.depth_sensors_for(self.image_topic, self.depth)
-            depth |= bag.transforms
+            depth |= bag.transforms_for(self.image_topic)
             sensors = DepthSensors() if depth else None
             rectified = is_rectified(self.image_topic)
             topics = [self.image_topic, *([info_topic.name] if info_topic else []), *depth]
