@@ -20,7 +20,7 @@ from socialbot.core.errors import SocialbotError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Transforms
 from socialbot.vision.camera import CameraModel, CameraPose, is_calibrated
-from socialbot.vision.camera_pose import camera_placements, pose_from_transforms
+from socialbot.vision.camera_pose import pose_from_transforms, unusable_placement
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.transforms import TransformTree
 
@@ -308,13 +308,8 @@ def camera_placement(topic: str, images: Sequence[Any], transforms: Sequence[Any
     for message in transforms:
         tree.add(decode(Transforms, message).transforms)
     pose = pose_from_transforms(tree, frame, _NEWEST)
-    for base, height, pitch, roll in camera_placements(tree, frame, _NEWEST) if pose is None else ():
-        turns = f"pitch {round(math.degrees(pitch))}°, roll {round(math.degrees(roll))}°"
-        upright = "correct the URDF, or mount the camera upright: people must stand upright in its images"
-        return (
-            f"places the camera {frame!r} {height:.2f} m above {base}, {turns}, which no person detector can use",
-            upright,
-        )
+    if pose is None and (unusable := unusable_placement(tree, frame, _NEWEST)) is not None:
+        return f"places {unusable[0]}", unusable[1]
     if pose is None:
         return f"does not place the camera {frame!r} above the floor", f"correct the frame_id of {topic}; {remedy}"
     return pose

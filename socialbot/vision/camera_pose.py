@@ -55,6 +55,7 @@ _COMMON_HEIGHT, _COMMON_PITCH_RAD = 0.06, 0.012  # Errors that all observations 
 _BASES = ("base_footprint", "base_link")
 _BASE_HEIGHT_M, _BASE_PITCH_RAD = 0.25, 0.05  # Errors of a pose above base_link, which may be anywhere in the base.
 _UPRIGHT = 0.7
+_LOWEST_M = 0.03  # Height of the lowest camera that is not estimated, such as that of a vacuum cleaner.
 
 _FLOOR_POINTS, _FLOOR_SHARE, _FLOOR_TRIALS = 50, 0.1, 200
 _FLOOR_LEVEL, _FLOOR_THICKNESS_M = math.cos(math.radians(40)), 0.03
@@ -379,9 +380,10 @@ def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -
         The pose; None if no base is connected to the camera, or the transform puts it below the floor.
     """
     for base, height, pitch, roll in camera_placements(transforms, frame_id, stamp):
-        if not (HEIGHTS_M[0] <= height <= HEIGHTS_M[1] and abs(roll) < math.pi / 2 and pitch <= PITCHES_RAD[1]):
-            continue
         exact = base.endswith(_BASES[0])
+        lowest = _LOWEST_M if exact else HEIGHTS_M[0]
+        if not (lowest <= height <= HEIGHTS_M[1] and abs(roll) < math.pi / 2 and pitch <= PITCHES_RAD[1]):
+            continue
         return CameraPose(
             height_m=height,
             pitch_rad=pitch,
@@ -389,6 +391,18 @@ def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -
             height_std_m=0.0 if exact else _BASE_HEIGHT_M,
             pitch_std_rad=0.0 if exact else _BASE_PITCH_RAD,
             source="tf",
+        )
+    return None
+
+
+def unusable_placement(transforms: TransformTree, frame_id: str, stamp: int) -> tuple[str, str] | None:
+    """Where transforms place a camera whose pose cannot be used, and the remedy; None if they do not place it."""
+    for base, height, pitch, roll in camera_placements(transforms, frame_id, stamp):
+        turns = f"pitch {round(math.degrees(pitch))}°, roll {round(math.degrees(roll))}°"
+        return (
+            f"the camera {frame_id!r} {height:.2f} m above {base}, {turns}, which no person detector can use",
+            f"correct the URDF, with {_BASES[0]} on the floor, or mount the camera upright and less steep: people must "
+            "stand upright in its images",
         )
     return None
 

@@ -25,7 +25,7 @@ from socialbot.core.messages import (
     Transforms,
 )
 from socialbot.vision.camera import CameraModel, CameraPose
-from socialbot.vision.camera_pose import base_frames, pose_from_transforms, yaw_from_transforms
+from socialbot.vision.camera_pose import base_frames, pose_from_transforms, unusable_placement, yaw_from_transforms
 from socialbot.vision.depth import ProjectedPoints, RangeImage, RegisteredDepth, Source
 from socialbot.vision.depth_images import depth_in_metres, points_of, raw_depth, unpacked_depth
 from socialbot.vision.transforms import AXES, OPTICAL, Matrix, TransformTree, parse_pose
@@ -98,8 +98,11 @@ class DepthSensors:
             return pose
         self._unplaced_since = min(self._unplaced_since, stamp)
         if stamp - self._unplaced_since > _PLACED_NS:
+            unusable = unusable_placement(self._transforms, frame_id, stamp)
             self._warn(
-                f"the transforms do not place the camera {frame_id!r} above the floor of {bases[0]}: its pose is "
+                f"the transforms place {unusable[0]}: its pose is estimated from people; {unusable[1]}"
+                if unusable is not None
+                else f"the transforms do not place the camera {frame_id!r} above the floor of {bases[0]}: its pose is "
                 "estimated from people; check frame_id of the images, and /tf_static"
             )
         return None

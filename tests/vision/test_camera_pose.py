@@ -273,6 +273,33 @@ def test_camera_that_is_not_connected_to_a_base_is_told_once(caplog):
     ]
 
 
+@pytest.mark.parametrize(
+    ("height", "pitch", "roll", "told"),
+    [
+        (2.8, 1.5, 0.0, "above base_footprint, pitch 86°, roll 0°, which no person detector can use"),
+        (1.2, 0.1, math.pi, "pitch 6°, roll 180°, which no person detector can use"),
+        (1.2, 0.0, 1.6, "pitch 0°, roll 92°, which no person detector can use"),
+        (-0.3, 0.0, 0.0, "-0.30 m above base_footprint, pitch 0°, roll 0°, which no person detector can use"),
+    ],
+)
+def test_a_pose_that_cannot_be_used_is_told_once(height, pitch, roll, told, caplog):
+    sensors = DepthSensors()
+    sensors.take(Transforms(stamp=0, transforms=tuple(head("base_footprint", height, pitch, roll))))
+    for second in range(5):
+        assert sensors.camera_pose("camera_optical_frame", second * 10**9) is None
+    [text] = [record.getMessage() for record in caplog.records]
+    assert told in text.replace("roll -180", "roll 180")
+
+
+def test_pose_of_a_camera_close_to_the_floor():
+    tree = TransformTree()
+    tree.add(head("base_footprint", 0.0, -0.4, 0.0))
+    pose = pose_from_transforms(tree, "camera_optical_frame", 0)
+    assert pose is not None
+    assert pose.height_m == pytest.approx(0.2 * math.sin(0.4))
+    assert (pose.pitch_rad, pose.height_std_m) == (pytest.approx(-0.4), 0.0)
+
+
 @pytest.mark.parametrize("clock_s", [0.0, -100.0])
 def test_the_direction_of_a_camera_is_not_known_once_its_transforms_have_stopped(clock_s, caplog):
     optical = (-0.5, 0.5, -0.5, 0.5)
