@@ -52,6 +52,8 @@ from socialbot.vision.reidentification import REMEMBER_S
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
 _LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
+_STEEP_RAD = 0.95  # Cameras that look down more steeply are told: people seen from above are mostly missed.
+_MANY_IMAGES = 100  # From so many images without people on, the end of a run tells it.
 
 _SAVE_NS = 60 * SECOND  # Pause between two writes of the pose file.
 _REPORT_NS = 10 * SECOND  # Pause between two reports of the pose.
@@ -213,6 +215,8 @@ class PersonDetector(Node):
             self.on_parameter(parameter)
         self._turned = _TurnedCamera(detector) if self._spec.faces else None
         self._camera: CameraModel | None = None
+        self._without_people = 0
+        """Number of images so far; -1 once there was somebody."""
         self._warned: set[str] = set()
 
     @classmethod
@@ -234,6 +238,11 @@ class PersonDetector(Node):
 
     def stop(self) -> None:
         self._save_pose(0)
+        if self._without_people >= _MANY_IMAGES:
+            self._warn_once(
+                f"nobody was found in {self._without_people} images; if people are there, the camera may look down too "
+                "steeply, be turned, or show them too small: docs/detectors.md"
+            )
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
@@ -300,6 +309,12 @@ class PersonDetector(Node):
         persons = self._pipeline.find(bgr, image.stamp, camera, depth)
         pose = self.camera_pose
         source = "unknown" if pose.source == "assumed" else pose.source
+        self._without_people = -1 if persons or self._without_people < 0 else self._without_people + 1
+        if pose.pitch_rad - 2 * pose.pitch_std_rad > _STEEP_RAD:
+            self._warn_once(
+                f"the camera looks down by {pose.pitch_rad:.2f} rad: people seen from above are mostly missed; tilt it "
+                f"by less than {_STEEP_RAD} rad, or use a model for such images (detector: onnx)"
+            )
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp,

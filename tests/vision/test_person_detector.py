@@ -396,6 +396,25 @@ def test_tells_whether_faces_are_searched(parameters, searched):
     assert Rig(**parameters).show(corridor()).faces is searched
 
 
+@pytest.mark.parametrize(("pitch_rad", "told"), [(0.8, 0), (1.2, 1)])
+def test_a_camera_that_looks_down_steeply_is_told_of_once(stub, caplog, pitch_rad, told):
+    rig = Rig(mount_height_m=2.5, pitch_rad=pitch_rad)
+    for number in range(3):
+        rig.show(BLANK, stamp=(1 + number) * SECOND)
+    assert sum("seen from above" in record.getMessage() for record in caplog.records) == told
+
+
+@pytest.mark.parametrize(("images", "at", "told"), [(99, None, 0), (100, None, 1), (100, 60, 0)])
+def test_the_end_of_a_run_tells_that_nobody_was_found(stub, monkeypatch, caplog, images, at, told):
+    rig = Rig(faces=False)
+    for number in range(images):
+        shown = 2 if number == at else 0
+        monkeypatch.setattr(Stub, "detect", lambda *_, shown=shown: Detections(BOXES[:shown], np.full(shown, 0.9)))
+        rig.show(np.zeros((120, 160, 3), np.uint8), stamp=SECOND + number * SECOND // 10)
+    rig.node.stop()
+    assert sum("nobody was found" in record.getMessage() for record in caplog.records) == told
+
+
 def test_tells_the_pose_of_the_camera_once_it_is_known():
     found = Rig().show(corridor())
     assert (found.camera_height_m, found.camera_pitch_rad, found.camera_pose_source) == (1.62, 0.052, "given")
