@@ -5,6 +5,7 @@ The node and the evaluation share it, so the evaluation measures the code that r
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -43,6 +44,8 @@ from socialbot.vision.reidentification import REMEMBER_S, Locate
 from socialbot.vision.tracking import Track, Tracker
 from socialbot.vision.whereabouts import FloorPoint, LastSeen
 
+log = logging.getLogger("socialbot.depth")
+
 TRACKERS = ("kalman", "none")
 _WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
 # Shares of people whose feet are hidden, among those with a wide box, and those behind another person. Detectors mostly
@@ -52,6 +55,7 @@ _HIDDEN_LEGS, _HIDDEN_BEHIND = 0.7, 0.2
 _LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
 _LEAST_AGAINST = 3  # So many whole people can contradict a stated pose, which is trusted until then.
 _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
+_IN_RANGE_M, _MANY_BOXES, _FEW_MEASURED = 5.0, 50, 0.05  # Sensors are judged by so many boxes of people in range.
 _FACE_NS = 4 * SECOND // 10  # A face gives the distance for this long.
 _TOUCHING = 0.1  # Share of a box that another one covers.
 _PERSON_ASPECT = (0.15, 0.6)  # Widths of people who stand, as shares of their height.
@@ -139,6 +143,8 @@ class PersonPipeline:
         self._errors: deque[float] = deque(maxlen=_MOST_WHOLE)
         self._stamp = 0
         self._floor_stamp = -(2**62)
+        self._in_range: tuple[int, int] | None = (0, 0)
+        """Numbers of measured and of all boxes of people in range of the sensors; None once these are judged."""
         self._estimator: PoseEstimator | None = None
         self._pose = ASSUMED
         self.set_threshold(threshold)
@@ -317,10 +323,33 @@ class PersonPipeline:
             boxes = [tuple(tracks[number].box.tolist()) for number in seen]
             expected = [self._expected(tracks[number], stamp_ns, camera) for number in seen]
             ranged = dict(zip(seen, measure_people(depth, camera, boxes, expected), strict=True))
+            self._tell_unmeasured(list(ranged.values()), expected, depth)
         shown = np.array([track.box for track in tracks]).reshape(-1, 4)
         return tuple(
             self._person(track, stamp_ns, camera, ranged.get(number), shown) for number, track in enumerate(tracks)
         )
+
+    def _tell_unmeasured(
+        self, ranged: Sequence[Ranged | None], expected: Sequence[Estimate | None], depth: Sequence[RangeImage]
+    ) -> None:
+        """Log once that sensors measure hardly anybody, as with other units than millimetres or wrong transforms."""
+        if self._in_range is None:
+            return
+        near = [each for each, guess in zip(ranged, expected, strict=True) if guess and guess.value < _IN_RANGE_M]
+        measured, boxes = self._in_range
+        self._in_range = measured, boxes = measured + sum(map(bool, near)), boxes + len(near)
+        if boxes < _MANY_BOXES:
+            return
+        self._in_range = None
+        if measured < _FEW_MEASURED * boxes:
+            log.warning(
+                "%s measures nearly none of the people within %g m, %d of %d boxes: check that depth is in mm (16UC1) "
+                "or m (32FC1), and registered to the images or placed by the right transforms",
+                " and ".join(dict.fromkeys(each.source for each in depth)),
+                _IN_RANGE_M,
+                measured,
+                boxes,
+            )
 
     def _expected(self, track: Track, stamp_ns: int, camera: CameraModel) -> Estimate | None:
         """Distance of a person from the last depth, or else from the image."""

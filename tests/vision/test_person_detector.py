@@ -346,6 +346,17 @@ def test_depth_gives_the_distance_near_its_stamp(stub) -> None:
     assert not rig.faults.failures
 
 
+@pytest.mark.parametrize(("metres", "told"), [(2.5, 0), (12.5, 1)])
+def test_depth_that_measures_nobody_is_told_of_once(stub, monkeypatch, caplog, metres, told):
+    monkeypatch.setattr(Stub, "boxes", np.array([[250.0, 80, 120, 360], [100.0, 90, 110, 350]]))
+    rig = Rig(pitch_rad=0.0, faces=False)
+    rig.info()
+    for number in range(60):
+        rig.runner.feed(DEPTH, depth_at(metres, SECOND + number))
+        rig.show(BLANK, stamp=SECOND + number)
+    assert sum("measures nearly none of the people" in record.getMessage() for record in caplog.records) == told
+
+
 def test_depth_tolerance_and_pose_are_parameters(stub) -> None:
     rig = Rig(depth_tolerance_s=1.0)
     rig.info()
