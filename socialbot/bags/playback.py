@@ -14,7 +14,7 @@ from socialbot.bags.codec import carries, decodable_types
 from socialbot.bags.reader import MEASURED, Bag, Skipped
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import GraphError
-from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, TraceRecord
 from socialbot.core.process import Ending
 from socialbot.graph.health import health_topics
 from socialbot.graph.inline import InlineRunner
@@ -46,19 +46,18 @@ def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
     inputs = _inputs(graph)
     feeds: dict[str, str] = {}
     if takes_images(graph):
-        chosen = bag.choose_image_topic(image_topic)
-        for source in filter(None, (chosen, bag.camera_info_topic_for(chosen.name))):
-            wanted = decodable_types()[source.type]
-            target = next((topic for topic, kind in inputs.items() if kind is wanted), None)
-            if target is not None:
-                feeds[source.name] = target
-            elif source is chosen:
-                remedy = "add an image_converter to the graph"
-                raise GraphError(f"no input takes {source.type}", where=graph.name, remedy=remedy)
-        feeds |= _depth_feeds(bag, chosen.name, inputs)
+        feeds = _image_feeds(bag, graph, inputs, image_topic)
+        chosen, *others = feeds
+        feeds |= _depth_feeds(bag, chosen, inputs)
+        for image in others:
+            feeds |= {name: name for name, kind in bag.depth_sensors_for(image).items() if inputs.get(name) is kind}
+        info = bag.camera_info_topic_for(chosen)
+        infos = [topic for topic, kind in inputs.items() if kind is CameraInfo]
+        if info is not None and infos:
+            feeds[info.name] = info.name if info.name in infos else infos[0]
     for topic in bag.topics:
         kind = inputs.get(topic.name)
-        if kind is None or kind in MEASURED:
+        if kind is None or kind in (*MEASURED, Image, CompressedImage):
             continue
         if topic.name not in feeds.values() and carries(topic.type, kind):
             feeds[topic.name] = topic.name
@@ -69,6 +68,35 @@ def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
             remedy=f"the inputs are {', '.join(sorted(inputs)) or 'empty'}; "
             f"the bag has {', '.join(topic.name for topic in bag.topics)}",
         )
+    return feeds
+
+
+def _image_feeds(
+    bag: Bag, graph: Graph, inputs: Mapping[str, type[Message]], image_topic: str | None
+) -> dict[str, str]:
+    """Map the chosen image topic to an input, then those of other cameras to inputs of their names.
+
+    A node gets the images of one topic: a bag often has them both raw and compressed.
+
+    Raises:
+        BagError: The image topic is missing or ambiguous.
+        GraphError: No input takes its type.
+    """
+    types = decodable_types()
+    chosen = bag.choose_image_topic(image_topic)
+    fitting = [topic for topic, kind in inputs.items() if kind is types[chosen.type]]
+    if not fitting:
+        remedy = "add an image_converter to the graph"
+        raise GraphError(f"no input takes {chosen.type}", where=graph.name, remedy=remedy)
+    feeds = {chosen.name: chosen.name if chosen.name in fitting else fitting[0]}
+    readers = {
+        topic: {config.name for config in graph.nodes if topic in (each for each, _ in config.subscriptions)}
+        for topic in inputs
+    }
+    recorded = {topic.name: types[topic.type] for topic in bag.image_topics}
+    for name in (*bag.preferred_image_topics, *recorded):
+        if inputs.get(name) is recorded[name] and not any(readers[name] & readers[taken] for taken in feeds.values()):
+            feeds[name] = name
     return feeds
 
 

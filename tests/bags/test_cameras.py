@@ -246,6 +246,49 @@ def test_transforms_in_a_namespace_feed_the_person_detector(tmp_path: Path) -> N
     assert feeds == {image: "/camera/image_raw", "/robot1/tf": "/tf", "/robot1/tf_static": "/tf_static"}
 
 
+def test_images_that_are_recorded_raw_and_compressed_are_played_once(tmp_path: Path) -> None:
+    graph = load_graph("waldo").without_sources()
+    jpeg = packed("jpeg", np.zeros((6, 8), np.uint8))
+    contents = [(RAW, START, picture(START)), (f"{RAW}/compressed", START, jpeg), ("/rear/image_raw", START, jpeg)]
+    with open_bag(make_with_rosbags(tmp_path / "both", contents[:2])) as bag:
+        assert feeding(bag, graph, None) == {RAW: RAW}
+        assert feeding(bag, graph, f"{RAW}/compressed") == {f"{RAW}/compressed": f"{RAW}/compressed"}
+    with open_bag(make_with_rosbags(tmp_path / "rear", contents)) as bag:
+        assert feeding(bag, graph, "/rear/image_raw") == {"/rear/image_raw": f"{RAW}/compressed"}
+
+
+TWO = """
+name: two
+inputs: [/left/image, /left/camera_info, /left/depth/image, /right/image, /right/camera_info, /right/depth/image]
+nodes:
+""" + "".join(
+    f"""
+  {side}_converter: {{type: image_converter, remap: {{image_raw: /{side}/image, image_color: /{side}/color}}}}
+  {side}:
+    type: person_detector
+    remap: {{image: /{side}/color, camera_info: /{side}/camera_info, depth: /{side}/depth/image,
+            detections: /{side}/detections, annotations: /{side}/annotations}}
+"""
+    for side in ("left", "right")
+)
+
+
+@pytest.mark.parametrize("chosen", ["left", "right"])
+def test_two_cameras_with_depth_feed_two_detectors(tmp_path: Path, chosen: str) -> None:
+    (tmp_path / "two.yaml").write_text(TWO)
+    contents: list[tuple[str, int, Message | bytes]] = []
+    for side in ("left", "right"):
+        depth = DepthImage(
+            stamp=START, frame_id="camera", height=6, width=8, encoding="16UC1", step=16, data=np.zeros(96, np.uint8)
+        )
+        info = CameraInfo(stamp=START, frame_id="camera", width=8, height=6, k=K)
+        contents += [(f"/{side}/image", START, picture(START)), (f"/{side}/camera_info", START, info)]
+        contents += [(f"/{side}/depth/image", START, depth)]
+    with open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag:
+        feeds = feeding(bag, load_graph(str(tmp_path / "two.yaml")).without_sources(), f"/{chosen}/image")
+    assert feeds == {name: name for name, _, _ in contents}
+
+
 def test_messages_with_distances_are_told_apart(tmp_path: Path) -> None:
     packed_topic = "/camera/depth/image_raw/compressedDepth"
     cloud = PointCloud(
