@@ -225,6 +225,7 @@ def encode_jpeg(pixels: Pixels, quality: int) -> np.ndarray:
     return data.reshape(-1)
 
 
+_COPY_NS = 2 * SECOND  # An image is a copy if the other input is ahead of it by less than this.
 _STILL_S, _PLAIN_S, _TIMELESS_S = 10.0, 3.0, 2.0
 """Time of equal images, of images of one colour, and of equal stamps, that is reported."""
 _PLAIN_LEVELS = 16  # difference of the values in an image of one colour, with the noise of a covered camera
@@ -267,6 +268,7 @@ class ImageConverter(Node):
 
     An image that cannot be converted raises ImageError and is skipped. The health of the node tells images that are
     all the same, black, or of one colour. It is degraded while all images have the same stamp: nothing moves then.
+    With both inputs connected, an image that came on one is skipped on the other.
     """
 
     image_raw = Input(Image, "/camera/image_raw", Delivery.NEWEST, deadline_s=SILENT_S)
@@ -283,11 +285,15 @@ class ImageConverter(Node):
         super().__init__(name, context, parameters)
         self._watch = _ImageWatch()
         self._problem = ""
+        self._newest: dict[type[Image | CompressedImage], int] = {}
+        """Stamp (ns) of the newest image of each input."""
 
     @image_raw
     def on_image(self, image: Image) -> None:
+        if self._is_copy(image):
+            return
         pixels = bgr_from_image(image)
-        self._look(pixels, image.stamp)
+        self._look(pixels, image)
         if image.encoding == "bgr8" and pixels.base is not None and image.data.size == pixels.size:
             self.image_color.publish(image)  # nothing to convert: the same message, without a copy
         else:
@@ -295,11 +301,19 @@ class ImageConverter(Node):
 
     @image_compressed
     def on_compressed(self, image: CompressedImage) -> None:
+        if self._is_copy(image):
+            return
         pixels = bgr_from_compressed(image)
-        self._look(pixels, image.stamp)
+        self._look(pixels, image)
         self._publish(pixels, image)
 
-    def _look(self, pixels: Pixels, stamp: int) -> None:
+    def _is_copy(self, image: Image | CompressedImage) -> bool:
+        """Whether the other input has this image, or a newer one: drivers publish them raw and compressed."""
+        others = (stamp for kind, stamp in self._newest.items() if kind is not type(image))
+        return any(0 <= other - image.stamp < _COPY_NS for other in others)
+
+    def _look(self, pixels: Pixels, image: Image | CompressedImage) -> None:
+        self._newest[type(image)] = stamp = image.stamp
         now, state = self.clock.now(), "ok"
         problem = self._watch.problem(pixels, now)
         if self._watch.stands_still(stamp, now):

@@ -46,6 +46,33 @@ def test_compressed_images_too():
     np.testing.assert_array_equal(image.bgr(), scene)
 
 
+def packed(stamp: int) -> CompressedImage:
+    data = cv2.imencode(".png", np.zeros((2, 3, 3), np.uint8))[1].reshape(-1)
+    return CompressedImage(stamp=stamp, frame_id="eye", format="png", data=data)
+
+
+def test_an_image_that_comes_raw_and_compressed_is_published_once():
+    both = [
+        message for tenth in range(1, 6) for message in ((RAW, rgb(tenth * 10**8)), (COMPRESSED, packed(tenth * 10**8)))
+    ]
+    late = [both[0], both[2], both[1], both[4], both[3]]
+    for messages, stamps in (
+        (both, [1, 2, 3, 4, 5]),
+        (late, [1, 2, 3]),
+        ([*both, (COMPRESSED, packed(6 * 10**8))], [1, 2, 3, 4, 5, 6]),
+    ):
+        out, _ = converted(*messages)
+        assert [image.stamp // 10**8 for image in out] == stamps
+
+
+def test_images_of_an_input_count_where_the_other_one_is_damaged_or_has_ended():
+    bad = (RAW, rgb(10**9, encoding="unheard_of"))
+    out, _ = converted(bad, (COMPRESSED, packed(10**9)))
+    assert [image.stamp for image in out] == [10**9]
+    out, _ = converted((RAW, rgb(100 * 10**9)), (COMPRESSED, packed(10**9)))
+    assert [image.stamp for image in out] == [100 * 10**9, 10**9], "a new recording"
+
+
 def test_bgr8_passes_without_a_copy():
     source = rgb(1, encoding="bgr8")
     (image,), _ = converted((RAW, source))
