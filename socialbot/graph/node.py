@@ -463,6 +463,19 @@ class Graph:
                 )
         self._check_topics()
 
+    def _check_exclusive_topics(self) -> None:
+        alone: dict[str, str] = {}
+        for config in self.nodes:
+            for topic, port in config.publications:
+                if not port.exclusive:
+                    continue
+                if (other := alone.setdefault(topic, config.name)) != config.name:
+                    raise GraphError(
+                        f"{other} and {config.name} both publish {topic}, so their messages cannot be told apart",
+                        where=self.name,
+                        remedy=f"give each its own topic: remap: {{{port.name}: /{config.name}/{port.name}}}",
+                    )
+
     def _check_topics(self) -> None:
         types: dict[str, tuple[type[Message], str]] = {}
         published = {topic for config in self.nodes for topic, _ in config.publications}
@@ -505,6 +518,7 @@ class Graph:
                         remedy=f"list it under 'inputs' if a node outside the graph publishes it; "
                         f"{suggestion(topic, sources)}",
                     )
+        self._check_exclusive_topics()
         if self.paced_by and self.paced_by not in published:
             raise GraphError(
                 f"paced_by names {self.paced_by}, which no node publishes",

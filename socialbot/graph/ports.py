@@ -135,11 +135,22 @@ class Output(Generic[M]):
     A topic such as ``/{receiver}/letters`` stands for one topic per receiver: a message travels on the topic that
     contains the value of its attribute ``receiver``, a name of a node. Only that node needs to subscribe to it, with an
     input on ``~/letters``.
+
+    Args:
+        exclusive: Whether messages of two such outputs on one topic could not be told apart: a graph refuses that.
     """
 
-    def __init__(self, message_type: type[M] | type | str, topic: str, delivery: Delivery = Delivery.EVERY) -> None:
+    def __init__(
+        self,
+        message_type: type[M] | type | str,
+        topic: str,
+        delivery: Delivery = Delivery.EVERY,
+        *,
+        exclusive: bool = False,
+    ) -> None:
         self.message_type: type[M] = _message_type(message_type)
         self.topic = topic
+        self.exclusive = exclusive
         self.addressed_by = topic.partition("{")[2].partition("}")[0]
         """Attribute of messages with their receiver, if the topic contains one."""
         self.delivery = delivery

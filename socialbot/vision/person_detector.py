@@ -121,7 +121,7 @@ class PersonDetector(Node):
     points = Input(PointCloud, "/points", Delivery.NEWEST, optional=True)
     tf = Input(Transforms, "/tf", optional=True)
     tf_static = Input(Transforms, "/tf_static", Delivery.LATCHED, optional=True)
-    detections = Output(PersonDetections, "/humans/bodies/detections")
+    detections = Output(PersonDetections, "/humans/bodies/detections", exclusive=True)
     annotations = Output(BoxMarkers, "/humans/bodies/annotations", Delivery.NEWEST)
 
     detector = Parameter("nanodet", "detector", choices=tuple(DETECTORS), fixed=True)

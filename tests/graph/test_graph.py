@@ -18,6 +18,12 @@ class Source(Node):
     said = Output(Utterance, "/said")
 
 
+class Tracker(Node):
+    """Source whose messages have ids of its own."""
+
+    people = Output(Utterance, "/people", exclusive=True)
+
+
 class Echo(Node):
     """Republish each message."""
 
@@ -237,6 +243,11 @@ def test_a_node_logs_under_its_name():
             [NodeConfig("a", Source), NodeConfig("b", Late)],
             {},
             ["test: b.heard: /said is latched for b but not for a", "give both ports Delivery.LATCHED"],
+        ),
+        (
+            [NodeConfig("a", Tracker), NodeConfig("b", Tracker)],
+            {},
+            ["a and b both publish /people, so", "remap: {people: /b/people}"],
         ),
         ([NodeConfig("a", Shouting)], {}, ["no valid topic: '/said!'", "test: a.loud"]),
         ([NodeConfig("a", Source)], {"inputs": frozenset({"/my camera"})}, ["no valid topic: '/my camera'"]),
