@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import shutil
-from collections.abc import Callable, Generator, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,14 +16,15 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
-from socialbot.bags.image_files import SUFFIXES, open_video, read_image, video_stamps
+from socialbot.bags.image_files import SUFFIXES, open_video, read_depth, read_image, video_stamps
 from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command
-from socialbot.core.messages import AudioData, CameraInfo, CompressedImage, Structured
+from socialbot.core.messages import AudioData, CameraInfo, CompressedDepth, CompressedImage, Structured
+from socialbot.core.reading import read_bytes
 from socialbot.graph.node import WireForm
 
 log = logging.getLogger("socialbot.bags")
@@ -48,7 +50,7 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import: the bag, the number, size (pixels) and duration of its images, and that of its sound."""
+    """Result of an import: the bag, the number, size (pixels) and duration of its images, and its sound and depths."""
 
     path: Path
     images: int
@@ -56,6 +58,7 @@ class Imported:
     height: int
     duration_s: float
     sound_s: float = 0.0
+    depths: int = 0
 
 
 USUAL_FOV_DEG = 60.0
@@ -111,10 +114,11 @@ def import_bag(
     """Write images, once a second their CameraInfo, and the sound of a video to the new bag ``out``.
 
     Args:
-        source: A video file or a folder of images; with ``camera``, its name.
+        source: A video file, a folder of images, or one of TUM RGB-D with depth; with ``camera``, its name.
         out: The bag folder to create. It is removed again if the import fails.
         camera: An open camera to record; it is closed at the end.
-        rate_hz: Image rate of a folder, whose images are taken in natural order. A video has its own time stamps.
+        rate_hz: Image rate of a folder, whose images are taken in natural order. A video and TUM RGB-D have
+            their own time stamps.
         start: Stamp (ns) of the first image of a folder or video.
         hfov_deg: Horizontal field of view, for the CameraInfo; default: `USUAL_FOV_DEG` along the longer side.
         jpeg_quality: From 1 to 100.
@@ -137,18 +141,22 @@ def import_bag(
     until = math.inf if limit_s is None else nanoseconds(limit_s)
     info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
     first = last = next_info = images = 0
-    sound_ns = 0
+    sound_ns = depths = 0
+    rgbd = None if camera is not None else _Rgbd.find(Path(source), start)
     sounds = _Sounds(_sounds(Path(source), start, limit_s) if sound and camera is None else iter(()))
     info = None
     with BagWriter(out) as bag:
         try:
-            with closing(_frames(str(source), camera, rate_hz, start, clock or WallClock())) as frames:
+            with closing(
+                rgbd.frames() if rgbd else _frames(str(source), camera, rate_hz, start, clock or WallClock())
+            ) as frames:
                 for stamp, pixels in frames:
                     first = first if images else stamp
                     if stamp - first >= until or stopped():
                         break
                     image, info = image_format.image(stamp, pixels)
                     sound_ns += sounds.write(bag, stamp)
+                    depths += rgbd.write_depth(bag, info_topic, stamp) if rgbd else 0
                     if stamp >= next_info:
                         bag.write(info_topic, info, stamp)
                         next_info = stamp + SECOND
@@ -160,12 +168,75 @@ def import_bag(
                 raise BagError("no image could be read", where=str(source), remedy=remedy)
             if not stopped():
                 sound_ns += sounds.write(bag, None)
+                depths += rgbd.write_depth(bag, info_topic, last + _SAME_NS) if rgbd else 0
         except SocialbotError as error:
             bag.discard()
             if isinstance(error, ImageError):
                 raise BagError(error.what, where=error.where, remedy=error.remedy) from error
             raise
-    return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND, sound_ns / SECOND)
+    return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND, sound_ns / SECOND, depths)
+
+
+_TUM_UNITS_PER_MM = 5
+_CONFIG_BYTES = 12  # Before the PNG of compressed_depth_image_transport.
+_SAME_NS = SECOND // 10  # Depth of an image is at most so much later.
+
+
+@dataclass
+class _Rgbd:
+    """Folder of TUM RGB-D: rgb.txt and depth.txt list stamps (s) and images; the depth is registered to the colours."""
+
+    images: list[tuple[int, Path]]
+    depths: deque[tuple[int, Path]]
+
+    @classmethod
+    def find(cls, folder: Path, start: int) -> _Rgbd | None:
+        """The images of ``folder``, the first of them at ``start`` (ns); None if it has no such lists."""
+        lists = folder / "rgb.txt", folder / "depth.txt"
+        if not all(path.is_file() for path in lists):
+            return None
+        images, depths = map(_listed, lists)
+        shift = start - images[0][0] if images else 0
+        return cls([(stamp + shift, path) for stamp, path in images], deque((at + shift, path) for at, path in depths))
+
+    def frames(self) -> Frames:
+        return _same_size(self.images)
+
+    def write_depth(self, bag: BagWriter, info_topic: str, until: int) -> int:
+        """Write the depth images up to a stamp (ns); return their number."""
+        topic, count = f"{info_topic.rpartition('/')[0]}/depth/image_raw/compressedDepth", 0
+        while self.depths and self.depths[0][0] <= until:
+            stamp, path = self.depths.popleft()
+            if stamp < max(self.images[0][0] - _SAME_NS, 0):
+                continue
+            _, png = cv2.imencode(".png", np.rint(read_depth(path) / _TUM_UNITS_PER_MM).astype(np.uint16))
+            data = np.concatenate([np.zeros(_CONFIG_BYTES, np.uint8), png.reshape(-1)])
+            kind = "16UC1; compressedDepth png"
+            bag.write(topic, CompressedDepth(stamp=stamp, frame_id=FRAME_ID, format=kind, data=data), stamp)
+            count += 1
+        return count
+
+
+def _listed(path: Path) -> list[tuple[int, Path]]:
+    """Stamps (ns) and paths in a list of TUM RGB-D, in order of stamps. Raises BagError for another line."""
+    found: list[tuple[int, Path]] = []
+    try:
+        lines = read_bytes(path).decode().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BagError(f"cannot be read: {error}", where=str(path), remedy="save it as text") from error
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            seconds, name = words
+            found.append((round(float(seconds) * SECOND), path.parent / name))
+        except (ValueError, OverflowError) as error:
+            remedy = "write a stamp in seconds and the path of an image"
+            raise BagError(
+                f"no stamp and image: {line[:60]!r}", where=f"{path}, line {number}", remedy=remedy
+            ) from error
+    return sorted(found)
 
 
 class _Sounds:
@@ -219,16 +290,23 @@ def _camera(source: str, camera: FrameSource, clock: Clock) -> Frames:
 def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
     paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=natural)
     if not paths:
-        raise BagError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
+        below = {path.parent for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES}
+        names = ", ".join(path.name for path in sorted(below, key=natural)[:8])
+        remedy = f"name one of its folders with images: {names}" if names else "put jpg or png files there"
+        raise BagError("no images in this folder", where=str(folder), remedy=remedy)
+    yield from _same_size([(start + round(index * SECOND / rate_hz), path) for index, path in enumerate(paths)])
+
+
+def _same_size(images: Sequence[tuple[int, Path]]) -> Frames:
     shape: tuple[int, ...] = ()
-    for index, path in enumerate(paths):
+    for stamp, path in images:
         pixels = read_image(path)
         shape = shape or pixels.shape
         if pixels.shape != shape:
             size, other = (f"{each[1]}x{each[0]}" for each in (pixels.shape, shape))
-            what = f"the image has {size} pixels, but {paths[0].name} has {other}"
+            what = f"the image has {size} pixels, but {images[0][1].name} has {other}"
             raise BagError(what, where=str(path), remedy="remove it, or scale all images to one size")
-        yield start + round(index * SECOND / rate_hz), pixels
+        yield stamp, pixels
 
 
 def _video(path: Path, start: int) -> Frames:

@@ -61,6 +61,22 @@ def read_image(path: Path) -> np.ndarray:
     return decode_image(data, where=str(path), turned=True)
 
 
+def read_depth(path: Path) -> np.ndarray:
+    """Decode a depth image of 16 bits: shape (height, width), uint16. Raises ImageError for another file."""
+    try:
+        data = read_bytes(path)
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    try:
+        flags = cv2.IMREAD_UNCHANGED
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if is_complete_png(data) else None
+    except cv2.error:
+        pixels = None
+    if pixels is None or pixels.ndim != 2 or pixels.dtype != np.uint16 or pixels.size > IMAGE_PIXELS:
+        raise ImageError("no depth image: a PNG of 16 bits with one channel", where=str(path), remedy=_REMEDY)
+    return pixels
+
+
 def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray:
     """Decode the content of an image file as `read_image` does; as stored unless ``turned``. Errors name ``where``."""
     if data.startswith(_PNG) and not is_complete_png(data):

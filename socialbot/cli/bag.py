@@ -141,6 +141,7 @@ def import_(
         )
     size = f"{made.width}x{made.height}"
     sound_text = f", {made.sound_s:.1f} s of sound" if made.sound_s else ""
+    sound_text += f", {many(made.depths, 'depth image')}" if made.depths else ""
     text = f"{many(made.images, 'image')} of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
     Console().print(text)
 

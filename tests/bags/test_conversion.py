@@ -19,6 +19,7 @@ from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import (
     CameraInfo,
+    CompressedDepth,
     CompressedImage,
     Mind,
     PersonDetection,
@@ -27,6 +28,7 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.vision.depth_images import depth_in_metres, unpacked_depth
 
 INFO = "/camera/camera_info"
 
@@ -71,6 +73,52 @@ def test_folder_in_natural_order(tmp_path: Path) -> None:
         7 * SECOND + index * SECOND // 4 for index in range(12)
     ]
     assert levels_of(tmp_path / "bag") == pytest.approx([index * 20 for index in range(12)], abs=2)
+
+
+def tum_rgbd(path: Path, rgb: str = "", units: int = 5000) -> Path:
+    """A folder of TUM RGB-D: three images, and depth 10 ms later."""
+    lines: dict[str, list[str]] = {"rgb": ["# color images"], "depth": ["# depth maps"]}
+    for name in lines:
+        (path / name).mkdir(parents=True)
+    for index in range(3):
+        for name, late, pixels in (("rgb", 0, picture(9)), ("depth", 0.01, np.full((48, 64), 3 * units, np.uint16))):
+            stamp = f"{1341846313.592 + index / 4 + late:.6f}"
+            cv2.imwrite(str(path / name / f"{stamp}.png"), pixels)
+            lines[name].append(f"{stamp} {name}/{stamp}.png")
+    for name, written in lines.items():
+        (path / f"{name}.txt").write_text("\n".join([*written, rgb if name == "rgb" else ""]))
+    return path
+
+
+def test_tum_rgbd_with_its_stamps_and_depth(tmp_path: Path) -> None:
+    made = import_bag(tum_rgbd(tmp_path / "tum"), tmp_path / "bag")
+    assert (made.images, made.depths, made.duration_s) == (3, 3, pytest.approx(0.5, abs=1e-6))
+    with open_bag(tmp_path / "bag") as bag:
+        sensors = bag.depth_sensors_for(TOPIC)
+        [(topic, kind)] = sensors.items()
+        assert kind is CompressedDepth
+        depths = [message for _, message in bag.messages({topic: topic}, sensors)]
+    pictures = [stamp for stamp, _ in images_of(tmp_path / "bag")]
+    assert pictures[0] == SECOND
+    assert [depth.stamp - stamp for depth, stamp in zip(depths, pictures, strict=True)] == pytest.approx(
+        [10**7] * 3, abs=999
+    )
+    assert isinstance(depths[0], CompressedDepth)
+    assert np.allclose(depth_in_metres(unpacked_depth(depths[0])), 3.0)
+
+
+@pytest.mark.parametrize("line", ["1 rgb/no.png x", "soon rgb/no.png", "inf rgb/no.png", "1 rgb/no.png"])
+def test_damaged_tum_rgbd(tmp_path: Path, line: str) -> None:
+    with pytest.raises(BagError, match=r"rgb.txt, line 5|no.png"):
+        import_bag(tum_rgbd(tmp_path / "tum", line), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_folder_whose_folders_have_images(tmp_path: Path) -> None:
+    for name in ("left", "right"):
+        folder(tmp_path / name, 1)
+    with pytest.raises(BagError, match="left, right"):
+        import_bag(tmp_path, tmp_path / "bag")
 
 
 def test_camera_info_once_a_second(tmp_path: Path) -> None:
