@@ -32,6 +32,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import timeout_sec_to_nsec
 
 from socialbot.bridge._endpoints import is_power_of_ten
+from socialbot.bridge.packet_filter import protect_names
 
 log = logging.getLogger("socialbot.security")
 
@@ -191,6 +192,10 @@ class OneThreadExecutor(SingleThreadedExecutor):
                 trigger()
 
         guard.trigger = from_another_thread
+
+    def add_node(self, node: Node) -> bool:
+        protect_names()  # the first node of a context opens its sockets
+        return super().add_node(node)
 
     def wake(self) -> None:
         self._is_changed = True

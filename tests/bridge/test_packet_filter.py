@@ -1,0 +1,123 @@
+"""Packets that the kernel drops: a GAP to the lists of nodes would leave a freed message in their queue."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from evaluation.rtps_attack import DATA, GAP, HEADER, HEARTBEAT, submessage
+from socialbot.bridge.packet_filter import MAX_SUBMESSAGES, drop_gaps
+from tests.system.running import PATIENCE_S
+
+INFO_TS, PAD = 0x09, 0x01
+BEGIN = HEADER + bytes(12)
+TIME, SAMPLE, BEAT, GONE = (
+    submessage(kind, bytes(size)) for kind, size in ((INFO_TS, 8), (DATA, 40), (HEARTBEAT, 28), (GAP, 28))
+)
+UP_TO_THE_END = struct.pack("<BBH", DATA, 5, 0) + bytes(500)
+EMPTY = struct.pack("<BBH", INFO_TS, 3, 0)
+
+ENDLESS_READS = """
+import os, socket, sys, time
+from rclpy.node import Node
+from std_msgs.msg import String
+from evaluation.rtps_attack import NAMES_WRITER, freed
+from socialbot.bridge.environment import ros_context
+from socialbot.bridge.wait_sets import OneThreadExecutor
+from tests.bridge.forged_names import names_ports
+from tests.system.running import eventually
+def node(context, name):
+    made = Node(name, context=context, enable_rosout=False, start_parameter_services=False)
+    executor = OneThreadExecutor(context=context)
+    executor.add_node(made)
+    return made
+with ros_context() as one, ros_context() as two:
+    reader, writer = node(one, "reader"), node(two, "writer")
+    writer.create_publisher(String, "/said", 1)
+    assert eventually(lambda: any(each.node_name == "writer" for each in reader.get_publishers_info_by_topic("/said")))
+    prefix = bytes(reader.get_publishers_info_by_topic("/said")[0].endpoint_gid)[:12]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for number in range(1, 40):
+            for port in names_ports():
+                sender.sendto(freed(prefix + NAMES_WRITER, number), ("127.0.0.1", port))
+    for number in range(50):
+        writer.create_publisher(String, f"/number_{number}", 1)
+    def is_known():
+        found = reader.get_publishers_info_by_topic("/number_49")
+        return found and found[0].node_name == "writer"
+    assert eventually(is_known)
+    made = node(two, "third")
+    assert eventually(lambda: "third" in reader.get_node_names())
+"""
+
+
+@contextmanager
+def receiving() -> Iterator[tuple[socket.socket, socket.socket]]:
+    """A socket whose GAPs are dropped, and one that sends to it."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as to,
+    ):
+        one.bind(("127.0.0.1", 0))
+        one.setblocking(False)
+        drop_gaps(one)
+        to.connect(one.getsockname())
+        yield one, to
+
+
+def passes(packet: bytes) -> bool:
+    """Whether ``packet`` comes through. The loopback device delivers it at once."""
+    with receiving() as (one, sender):
+        sender.send(packet)
+        try:
+            return one.recv(65536) == packet
+        except BlockingIOError:
+            return False
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        BEGIN + TIME + SAMPLE + BEAT,
+        BEGIN + UP_TO_THE_END,
+        BEGIN + EMPTY + SAMPLE,
+        BEGIN + submessage(DATA, bytes(40_000)) + BEAT,
+        BEGIN + SAMPLE * (MAX_SUBMESSAGES - 1),
+        BEGIN,
+        b"of another program",
+        b"",
+    ],
+)
+def test_packets_without_gaps_pass(packet: bytes):
+    assert passes(packet)
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        BEGIN + GONE,
+        BEGIN + TIME + SAMPLE + GONE,
+        BEGIN + EMPTY + GONE,
+        BEGIN + submessage(PAD, b"") + GONE,
+        BEGIN + submessage(DATA, bytes(40_000)) + GONE,
+        BEGIN + SAMPLE * MAX_SUBMESSAGES + GONE,
+        BEGIN + struct.pack(">BBH", GAP, 0, 28) + bytes(28),
+        BEGIN + struct.pack(">BBH", INFO_TS, 0, 8) + bytes(8) + GONE,
+        BEGIN + SAMPLE[:-3],
+    ],
+)
+def test_packets_that_may_have_a_gap_are_dropped(packet: bytes):
+    assert not passes(packet)
+
+
+@pytest.mark.ros
+def test_lists_of_nodes_that_dds_has_freed_stop_nothing():
+    """Else rclpy never returns, with Python's lock held: so this is a process."""
+    program = subprocess.run([sys.executable, "-c", ENDLESS_READS], timeout=PATIENCE_S, check=False)
+    assert program.returncode == 0
