@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,8 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
-from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
+from socialbot.core.limits import DECODER_BYTES, DECODER_FRAMES, IMAGE_PIXELS, JPEG_SCANS
+from socialbot.core.memory_limit import memory_limit
 from socialbot.core.reading import open_file, read_bytes
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
@@ -134,13 +136,25 @@ def has_too_many_scans(data: bytes) -> bool:
 def open_video(path: str | Path) -> cv2.VideoCapture:
     """Open a video file. Raises ImageError if it is none, or its frames have more than `IMAGE_PIXELS`."""
     check_video(path)
-    capture = cv2.VideoCapture(str(path))
-    width, height = (capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    if capture.isOpened() and width * height <= IMAGE_PIXELS:
+    with memory_limit(DECODER_BYTES):
+        capture = cv2.VideoCapture(str(path))
+    if capture.isOpened() and _pixels(capture) <= IMAGE_PIXELS:
         return capture
     what = too_many_pixels() if capture.isOpened() else "cannot be opened as a video"
     capture.release()
     raise ImageError(what, where=str(path), remedy="convert it to mp4, avi or mkv, with smaller frames")
+
+
+def decoder_limit(capture: cv2.VideoCapture) -> AbstractContextManager[None]:
+    """Context manager that limits the memory of the decoder, which reads further frames in its block.
+
+    A few bytes of an MP4 file can ask for an index of gigabytes. The video then ends.
+    """
+    return memory_limit(DECODER_BYTES + DECODER_FRAMES * 3 * int(min(_pixels(capture), IMAGE_PIXELS)))
+
+
+def _pixels(capture: cv2.VideoCapture) -> float:
+    return capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
 
 
 def check_video(path: str | Path) -> None:
@@ -160,12 +174,17 @@ def video_stamps(capture: cv2.VideoCapture) -> Iterator[int]:
     rate = capture.get(cv2.CAP_PROP_FPS)
     period = round(SECOND / (rate if 0 < rate <= 1000 else DEFAULT_RATE_HZ))
     first = last = None
-    while capture.grab():
+    while _grabs(capture):
         time = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         first = time if first is None else first
         # Some containers have no time stamps, and some repeat them.
         last = 0 if last is None else time - first if time - first > last else last + period
         yield last
+
+
+def _grabs(capture: cv2.VideoCapture) -> bool:
+    with decoder_limit(capture):
+        return capture.grab()
 
 
 def too_many_pixels() -> str:

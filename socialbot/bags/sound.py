@@ -11,6 +11,8 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, InstallationError, MessageError
 from socialbot.core.installation import extra_command
+from socialbot.core.limits import DECODER_BYTES
+from socialbot.core.memory_limit import memory_limit
 from socialbot.core.messages import AudioData
 
 AUDIO_TOPIC = "/audio"
@@ -121,7 +123,9 @@ def video_sound(path: Path, start: int, *, until: int | None = None) -> Iterator
     except ImportError as error:
         raise InstallationError(f"PyAV is not installed ({error})", remedy=extra_command("hear")) from error
     try:
-        with av.open(str(path)) as container:
+        with memory_limit(DECODER_BYTES):
+            opened = av.open(str(path))
+        with opened as container:
             if not container.streams.audio:
                 return
             stream = container.streams.audio[0]
@@ -131,7 +135,7 @@ def video_sound(path: Path, start: int, *, until: int | None = None) -> Iterator
             resampler = av.AudioResampler(format="s16", layout=layout, rate=rate, frame_size=round(CHUNK_S * rate))
             begin = None
             count = 0
-            for frame in container.decode(stream):
+            for frame in _limited(container.decode(stream)):
                 if begin is None:
                     begin = start + round(((frame.time or 0.0) - zero) * SECOND)
                 for piece in resampler.resample(frame):
@@ -143,8 +147,18 @@ def video_sound(path: Path, start: int, *, until: int | None = None) -> Iterator
                     if stamp >= start:
                         samples = piece.to_ndarray().astype("<i2").tobytes()
                         yield AudioData(stamp=stamp, samples=samples, sample_rate=rate, channels=channels)
-    except FFmpegError as error:
+    except (FFmpegError, MemoryError) as error:
         raise BagError(f"its sound cannot be decoded: {error}", where=str(path), remedy="use --no-sound") from error
+
+
+def _limited(frames: Iterator[Any]) -> Iterator[Any]:
+    """The frames of a decoder, which takes no more than `DECODER_BYTES` for each further one."""
+    while True:
+        with memory_limit(DECODER_BYTES):
+            frame = next(frames, None)
+        if frame is None:
+            return
+        yield frame
 
 
 def _first_image_s(container: Any) -> float:

@@ -1,14 +1,17 @@
-"""ONNX networks of anybody: the files that they name, and runs within a limit of time, as they may loop without end."""
+"""ONNX networks of anybody: the files that they name, and runs within limits of time and memory."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.limits import NETWORK_BYTES
+from socialbot.core.memory_limit import memory_limit
 from socialbot.core.paths import leads_inside
 
 if TYPE_CHECKING:
@@ -33,6 +36,14 @@ _PARTS = {
     "tensor": {13: "entry"},
 }
 """Kind of the message in each field of a message, as far as tensors may be in it; ``entry`` is a key and a value."""
+
+
+def network_limit(size: int) -> AbstractContextManager[None]:
+    """Context manager that limits the memory of a network which is loaded in its block, from a file of ``size`` bytes.
+
+    Loading computes what depends on no input.
+    """
+    return memory_limit(NETWORK_BYTES + 4 * size)
 
 
 def check_external_data(model: bytes | memoryview, where: str, folder: Path | None = None) -> None:
@@ -114,7 +125,7 @@ class Inference:
         """Return the outputs for ``inputs``. Thread-safe.
 
         Raises:
-            ParameterError: The network takes too long.
+            ParameterError: The network takes too long, or too much memory.
             Exception: That of onnxruntime for inputs that do not fit.
         """
         import onnxruntime
@@ -126,8 +137,12 @@ class Inference:
         ended = threading.Event()
         threading.Thread(target=self._stop_late, args=(options, ended), daemon=True).start()
         try:
-            return list(self._session.run(None, dict(inputs), options))
+            with memory_limit(NETWORK_BYTES):
+                return list(self._session.run(None, dict(inputs), options))
         except Exception as error:
+            if "alloc" in str(error).lower():  # onnxruntime's errors have no class of their own
+                what = f"the network takes more than {NETWORK_BYTES / 1e9:.1f} GB of memory for one input"
+                raise ParameterError(what, where=self._where, remedy="give a smaller network") from error
             if not options.terminate:
                 raise
             self._is_late = True

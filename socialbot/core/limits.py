@@ -38,6 +38,15 @@ MODEL_BYTES = 1 << 32
 IMAGE_PIXELS = 1 << 25
 """Most pixels of an image or a frame of a video (8K): a small file may claim gigabytes of pixels."""
 
+DECODER_BYTES = 1 << 29
+"""Most memory of a decoder of a video for its index: that of a day has 0.2 GB. Its frames are counted apart."""
+
+DECODER_FRAMES = 32
+"""Most frames that a decoder of a video keeps, as those that others refer to."""
+
+NETWORK_BYTES = 1 << 31
+"""Most memory that a network takes beside its weights. A detector of people takes less than 0.5 GB."""
+
 JPEG_SCANS = 64
 """Most scans of a JPEG: a progressive one has about ten, and each may take time for all of its pixels."""
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError, suggestion
-from socialbot.core.inference import Inference, check_external_data
+from socialbot.core.inference import Inference, check_external_data, network_limit
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.core.limits import MODEL_BYTES, TEXT_BYTES
 from socialbot.core.reading import read_bytes
@@ -278,7 +278,8 @@ def _load(path: Path) -> onnxruntime.InferenceSession:
         if _DURATIONS in model:
             # Joined messages of protobuf are merged: this adds an output (12) with a name (1) to the graph (7).
             model += _field(7, _field(12, _field(1, _DURATIONS)))
-        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        with network_limit(len(model)):
+            return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except ParameterError:
         raise
     except Exception as error:  # classes of onnxruntime derive from RuntimeError or Exception

@@ -11,12 +11,13 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from socialbot.bags.image_files import SUFFIXES, check_video, read_image, too_many_pixels
+from socialbot.bags.image_files import SUFFIXES, check_video, decoder_limit, read_image, too_many_pixels
 from socialbot.bags.reader import natural
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError
-from socialbot.core.limits import IMAGE_PIXELS
+from socialbot.core.limits import DECODER_BYTES, IMAGE_PIXELS
+from socialbot.core.memory_limit import memory_limit
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Output, Parameter
@@ -74,7 +75,8 @@ def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
 class _VideoFrames:
     def __init__(self, source: str | int) -> None:
         self._source = source
-        self._capture = cv2.VideoCapture(source)
+        with memory_limit(DECODER_BYTES):
+            self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
             self._capture.release()
             raise DeviceError("cannot be opened", where=str(source), remedy="check that it is a video and not damaged")
@@ -90,7 +92,8 @@ class _VideoFrames:
             raise DeviceError(too_many_pixels(), where=str(self._source), remedy="use smaller images")
 
     def read(self) -> np.ndarray | None:
-        good, pixels = self._capture.read()
+        with decoder_limit(self._capture):
+            good, pixels = self._capture.read()
         return pixels if good else None
 
     def close(self) -> None:

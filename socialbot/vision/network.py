@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.core.inference import Inference, check_external_data
+from socialbot.core.inference import Inference, check_external_data, network_limit
 from socialbot.core.installation import pip_command, restore_command
 from socialbot.core.limits import MODEL_BYTES
 from socialbot.core.reading import check_size, open_file, read_bytes
@@ -123,8 +123,9 @@ def _session(model: Path | bytes, threads: int, where: str):
     if isinstance(model, Path):
         _check_file(model, where)
     try:
-        source = str(model) if isinstance(model, Path) else model
-        return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+        source, size = (str(model), model.stat().st_size) if isinstance(model, Path) else (model, len(model))
+        with network_limit(size):
+            return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no class of their own.
         raise ParameterError(
             f"not a network that onnxruntime {onnxruntime.__version__} can run: {_first(error)}",

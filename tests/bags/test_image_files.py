@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -116,6 +118,53 @@ def film(path: Path, code: str = "MJPG") -> Path:
         writer.write(np.full((48, 64, 3), 50 * level, np.uint8))
     writer.release()
     return path
+
+
+def with_fragment(film: bytes, samples: int) -> bytes:
+    """An MP4 film with a fragment that says that it has so many samples."""
+
+    def box(name: bytes, *content: bytes | int) -> bytes:
+        body = b"".join(each if isinstance(each, bytes) else struct.pack(">I", each) for each in content)
+        return struct.pack(">I", 8 + len(body)) + name + body
+
+    defaults = box(b"mvex", box(b"trex", 0, 1, 1, 1024, 1, 0))
+    begin = film.index(b"moov") - 4
+    end = begin + int.from_bytes(film[begin : begin + 4], "big")
+    part = box(b"traf", box(b"tfhd", 0x020000, 1), box(b"trun", 0, samples))
+    head = struct.pack(">I", end - begin + len(defaults)) + film[begin + 4 : end] + defaults
+    return film[:begin] + head + film[end:] + box(b"moof", box(b"mfhd", 0, 1), part) + box(b"mdat", bytes(100))
+
+
+READS = """
+import sys
+from pathlib import Path
+from socialbot.bags.image_files import open_video, video_stamps
+from socialbot.bags.sound import has_decoder, video_sound
+from socialbot.core.errors import SocialbotError
+from socialbot.vision.camera_node import open_frames
+def frames(path):
+    source = open_frames(path)
+    while source.read() is not None:
+        pass
+def peak_mb():
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) // 1000
+before = peak_mb()
+for read in (lambda path: list(video_stamps(open_video(path))), frames, lambda path: list(video_sound(Path(path), 0))):
+    try:
+        read(sys.argv[1])
+    except SocialbotError as error:
+        print(error)
+print(peak_mb() - before)
+"""
+
+
+def test_the_index_of_a_small_video_does_not_take_all_memory(tmp_path: Path) -> None:
+    """1.3 KB took 3 GB."""
+    path = film(tmp_path / "large.mp4", "mp4v")
+    path.write_bytes(with_fragment(path.read_bytes(), 88_000_000))
+    output = subprocess.run([sys.executable, "-c", READS, path], capture_output=True, text=True, check=True).stdout
+    assert int(output.splitlines()[-1]) < 600, output
+    assert "large.mp4: cannot be opened" in output
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,18 @@ def endless_network() -> bytes:
     return model([node], [tensor("picture", PICTURE)], [tensor("end", (1,))], constants)
 
 
+def greedy_network(numbers: int) -> bytes:
+    """A network that needs a list of so many ``numbers`` for each row of an image."""
+    nodes = [
+        helper.make_node("Shape", ["picture"], ["shape"]),
+        helper.make_node("Mul", ["shape", "factors"], ["large"]),
+        helper.make_node("ConstantOfShape", ["large"], ["zeros"]),
+        helper.make_node("ReduceSum", ["zeros"], ["sum"], keepdims=0),
+    ]
+    factors = {"factors": np.array([1, 1, 1, numbers], np.int64)}
+    return model(nodes, [tensor("picture", PICTURE)], [tensor("sum", ())], factors)
+
+
 def model_with_external_data(location: str) -> bytes:
     """A network whose constant is in another file."""
     node = helper.make_node("Add", ["picture", "known"], ["sum"])

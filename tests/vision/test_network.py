@@ -19,7 +19,13 @@ from socialbot.core.inference import check_external_data
 from socialbot.vision.detectors import FILE, SHA256
 from socialbot.vision.network import OnnxModel, included_model
 from tests.system.running import eventually
-from tests.vision.networks import echo_network, endless_network, model_with_external_data, strict_network
+from tests.vision.networks import (
+    echo_network,
+    endless_network,
+    greedy_network,
+    model_with_external_data,
+    strict_network,
+)
 
 
 def picture(width: int = 4, height: int = 3) -> np.ndarray:
@@ -127,6 +133,12 @@ def test_a_network_that_loops_without_end_is_stopped_and_not_run_again(monkeypat
         with pytest.raises(ParameterError, match=r"loop\.onnx: the network takes more than 0\.5 s"):
             network.run(picture())
         assert time.monotonic() - begun < longest_s
+
+
+def test_a_network_that_takes_all_memory_is_stopped():
+    network = OnnxModel(greedy_network(10**9), where="greedy.onnx")
+    with pytest.raises(ParameterError, match=r"greedy\.onnx: the network takes more than 2\.1 GB of memory"):
+        network.run(picture())
 
 
 RUN = """

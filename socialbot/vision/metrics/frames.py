@@ -12,7 +12,7 @@ import numpy as np
 
 from socialbot.bags.cameras import is_rectified
 from socialbot.bags.codec import STRING
-from socialbot.bags.image_files import decode_image, open_video
+from socialbot.bags.image_files import decode_image, decoder_limit, open_video
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
@@ -143,7 +143,8 @@ class VideoImages:
         capture = open_video(self.path)
         try:
             for number, stamp in enumerate(self.stamps):
-                good, pixels = capture.read()
+                with decoder_limit(capture):
+                    good, pixels = capture.read()
                 if not good:
                     break
                 yield EncodedImage(stamp, pixels, name=f"{self.path}: frame {number}")
