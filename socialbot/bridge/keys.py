@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import grp
 import hashlib
 import logging
 import os
+import pwd
 import re
 import stat
 import threading
@@ -181,12 +183,12 @@ def _successor_files(folder: Path) -> dict[str, Path]:
 def _check_folder(folder: Path) -> None:
     if not os.path.isdir(folder):  # unlike Path.is_dir, false for a folder that cannot be reached
         raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
-    _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
+    _refuse_writers(folder, "other users can add keys")
 
 
 def _load_public_key(path: Path, name: str) -> Ed25519PublicKey:
     _check_name(name)
-    _refuse_mode(path, 0o002, "anybody can change this key", "chmod o-w")
+    _refuse_writers(path, "other users can change this key")
     key = _loaded(path, load_pem_public_key)
     if not isinstance(key, Ed25519PublicKey):
         raise SecurityError("not a public Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
@@ -196,7 +198,14 @@ def _load_public_key(path: Path, name: str) -> Ed25519PublicKey:
 def load_private_key(path: Path) -> Ed25519PrivateKey:
     """Load the private key at ``path``. Raises SecurityError if it is invalid, or other users can read it."""
     key = _loaded(path, lambda data: load_pem_private_key(data, None))
-    _refuse_mode(path, 0o077, "other users can read or change this private key", "chmod 600")
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if mode & 0o077:
+        what = "other users can read or change this private key"
+        raise SecurityError(what, where=str(path), remedy=f"chmod 600 {path}")
+    _refuse_writers(path, "other users can change this private key")
     if not isinstance(key, Ed25519PrivateKey):
         raise SecurityError("not a private Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
     return key
@@ -229,13 +238,28 @@ def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
         raise SecurityError("the file holds no usable key", where=str(path), remedy=remedy) from error
 
 
-def _refuse_mode(path: Path, bits: int, what: str, remedy: str) -> None:
+def _refuse_writers(path: Path, what: str) -> None:
+    """Raise SecurityError if a group or others can change a file or folder, or put another one in its place."""
     try:
-        mode = stat.S_IMODE(path.stat().st_mode)
+        real = Path(os.path.realpath(path, strict=True))
+        for place in (real, *real.parents):
+            found = place.stat()
+            if found.st_mode & stat.S_ISVTX and place != real:  # as in /tmp, they cannot replace what is in it
+                continue
+            if found.st_mode & 0o002 or (found.st_mode & 0o020 and not _is_private(found.st_gid, found.st_uid)):
+                raise SecurityError(what, where=str(place), remedy=f"chmod go-w {place}")
     except OSError as error:
         raise _unreadable(path, error) from error
-    if mode & bits:
-        raise SecurityError(what, where=str(path), remedy=f"{remedy} {path}")
+
+
+def _is_private(group: int, owner: int) -> bool:
+    """Whether nobody but the ``owner``, this user and root is in a ``group``. Some systems give each user one."""
+    own = {owner, os.getuid(), 0}
+    try:
+        members = {pwd.getpwnam(name).pw_uid for name in grp.getgrgid(group).gr_mem}
+    except KeyError:  # it is not known here
+        return False
+    return members | {user.pw_uid for user in pwd.getpwall() if user.pw_gid == group} <= own
 
 
 def _unreadable(path: Path, error: OSError) -> SecurityError:

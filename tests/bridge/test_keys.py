@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
 import shutil
 import threading
 import time
@@ -114,6 +116,57 @@ def test_unusable_keys_are_not_trusted_and_said(
     assert reason(robot, robot) == ("" if damage in ("text", "mode", "link") else "unknown sender")
     assert "keys removed: desk" in caplog.text or "trusts nobody" in caplog.text
     assert reason(robot, desk) == ""  # the private key of the running process signs
+
+
+SHARED_GROUP, PRIVATE_GROUP = 54321, 54322
+
+
+@pytest.fixture
+def groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A group with another user, and one without."""
+    user = pwd.getpwuid(os.getuid())
+    other = pwd.struct_passwd(("other", "x", user.pw_uid + 1000, SHARED_GROUP, "", "/", "/bin/sh"))
+    group = {gid: grp.struct_group((str(gid), "x", gid, [])) for gid in (SHARED_GROUP, PRIVATE_GROUP)}
+    monkeypatch.setattr(pwd, "getpwall", lambda: [user, other])
+    monkeypatch.setattr(grp, "getgrgid", group.__getitem__)
+
+
+@pytest.mark.usefixtures("groups")
+@pytest.mark.parametrize("place", ["desk.pub", ".", "..", "link"])
+@pytest.mark.parametrize(("mode", "group", "good"), [
+    (0o775, SHARED_GROUP, False), (0o775, 54323, False), (0o775, PRIVATE_GROUP, True), (0o757, PRIVATE_GROUP, False),
+])  # fmt: skip
+def test_keys_that_a_group_or_others_can_change_or_replace_are_refused(
+    place: str, mode: int, group: int, good: bool, tmp_path: Path
+) -> None:
+    folder = tmp_path / "shared" / "keys"
+    new_key("robot", folder)
+    new_key("desk", tmp_path / "other")
+    shutil.copy(tmp_path / "other" / "desk.pub", folder)
+    changed = folder / place
+    if place == "link":
+        changed = tmp_path / "others"
+        changed.mkdir()
+        (folder / "desk.pub").replace(changed / "desk.pub")
+        (folder / "desk.pub").symlink_to(changed / "desk.pub")
+    try:
+        os.chown(changed, -1, group)
+    except PermissionError:
+        pytest.skip("only root can give a file to another group")
+    changed.chmod(mode)
+    if good:
+        assert set(load_keys(folder, "robot").trusted) == {"robot", "desk"}
+    else:
+        with pytest.raises(SecurityError, match=r"other users can .*\n *remedy: chmod go-w "):
+            load_keys(folder, "robot")
+
+
+@pytest.mark.usefixtures("groups")
+def test_keys_below_a_sticky_folder_are_trusted(tmp_path: Path) -> None:
+    """Such as /tmp."""
+    new_key("robot", tmp_path / "shared" / "keys")
+    (tmp_path / "shared").chmod(0o1777)
+    assert load_keys(tmp_path / "shared" / "keys").name == "robot"
 
 
 def test_changes_count_beside_a_dangling_link(machines: tuple[Machine, Machine]) -> None:

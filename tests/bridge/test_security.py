@@ -71,7 +71,7 @@ def test_refuses_a_readable_private_key(folder, mode):
 @pytest.mark.parametrize("name", [".", "robot.pub"])
 def test_refuses_writable_public_keys(folder, name):
     (folder / name).chmod(0o757 if name == "." else 0o646)
-    assert "anybody can" in complaint(folder)
+    assert "other users can" in complaint(folder)
 
 
 def test_several_private_keys_need_a_name(folder):
