@@ -253,6 +253,10 @@ class Supervisor:
             if own.issuperset(nodes)
         }
 
+    def prepare(self) -> None:
+        """Begin with what the processes need, in the background: their modules are imported once for all."""
+        self._fork_server.prepare()
+
     def __enter__(self) -> Supervisor:
         environment.require_ros()
         remove_stale()

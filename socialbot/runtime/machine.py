@@ -111,6 +111,7 @@ class _NodesUp:
             Why DDS gives the observer nothing, if so. The nodes go on then, without an observer.
         """
         graph, source, ending = self._graph, self._source, self._execution.ending
+        self.supervisor.prepare()
         self._observers += 1
         name = f"observer_{self._observers}" if self._observers > 1 else "observer"
         observed = observed_topics(graph, source.nodes)
