@@ -127,7 +127,11 @@ def _write_pair(name: str, stem: str, folder: Path) -> tuple[Path, Path]:
         if public.exists():
             raise FileExistsError(None, "it exists already")
         _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
-        _write_new(public, _pem(key.public_key()), 0o644)
+        try:
+            _write_new(public, _pem(key.public_key()), 0o644)
+        except OSError:
+            secret.unlink()
+            raise
     except OSError as error:
         what = f"cannot create the key {name!r}: {error.strerror}"
         raise SecurityError(what, where=str(folder), remedy="choose another name or folder") from error
@@ -267,8 +271,13 @@ def _unreadable(path: Path, error: OSError) -> SecurityError:
 
 
 def _write_new(path: Path, data: bytes, mode: int) -> None:
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-        file.write(data)
+    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(data)
+    except OSError:  # a full disk: an empty key would make the folder unusable
+        path.unlink()
+        raise
 
 
 def _pem(key: Ed25519PublicKey) -> bytes:

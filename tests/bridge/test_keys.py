@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import grp
+import io
 import os
 import pwd
 import shutil
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -116,6 +118,34 @@ def test_unusable_keys_are_not_trusted_and_said(
     assert reason(robot, robot) == ("" if damage in ("text", "mode", "link") else "unknown sender")
     assert "keys removed: desk" in caplog.text or "trusts nobody" in caplog.text
     assert reason(robot, desk) == ""  # the private key of the running process signs
+
+
+@pytest.mark.parametrize("full_at", [1, 2])
+@pytest.mark.parametrize(
+    "begin", [lambda folder: new_key("desk", folder), lambda folder: begin_rotation("robot", folder)]
+)
+def test_a_full_disk_leaves_no_part_of_a_new_key(
+    full_at: int, begin: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The keys of before are used, and the key can be made as soon as there is room."""
+    new_key("robot", tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    opened: list[int] = []
+
+    def fdopen(number: int, mode: str) -> io.FileIO:
+        opened.append(number)
+        if len(opened) < full_at:
+            return io.FileIO(number, mode)
+        os.close(number)
+        return io.FileIO("/dev/full", "wb")
+
+    monkeypatch.setattr("socialbot.bridge.keys.os.fdopen", fdopen)
+    with pytest.raises(SecurityError, match="No space left on device"):
+        begin(tmp_path)
+    monkeypatch.undo()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert load_keys(tmp_path).name == "robot"
+    begin(tmp_path)
 
 
 SHARED_GROUP, PRIVATE_GROUP = 54321, 54322
