@@ -13,7 +13,7 @@ import typer
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import expect_inside
+from socialbot.core.paths import expect_inside, replace_file
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def sweep(
     compared = None if pair is None else _compared(plan, found, *pair)
     page = sweep_page(found, chosen, compared).write(expect_inside(folder, folder / "index.html"))
     text = msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n"
-    expect_inside(folder, folder / "sweep.json").write_bytes(text)
+    replace_file(expect_inside(folder, folder / "sweep.json"), text)
     if as_json:
         print_line(escaped_json(text.decode()), nl=False)
         return

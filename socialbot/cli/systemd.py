@@ -13,7 +13,7 @@ import typer
 
 from socialbot.cli._console import print_line
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import writing
+from socialbot.core.paths import replace_file, writing
 from socialbot.core.process_settings import ProcessSettings
 
 PANEL = "Run a graph"
@@ -62,7 +62,7 @@ def systemd(
         return
     path = out / f"socialbot-{machine}.service"
     with writing(path, ParameterError, remedy="name another --out"):
-        path.write_text(text, encoding="utf-8")
+        replace_file(path, text.encode())
     print_line(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
 
 

@@ -86,8 +86,12 @@ def writing(file: Path, error: type[SocialbotError] = SocialbotError, *, remedy:
 def replace_file(file: Path, data: bytes) -> None:
     """Write a file in one step: readers find the old content or the new one, also if this fails or the process ends.
 
-    The permissions stay, and so does a link to the file. Raises OSError if it cannot be written.
+    The permissions stay, and so does a link to the file. A pipe or device, such as /dev/stdout, is written to. Raises
+    OSError if it cannot be written.
     """
+    if file.is_relative_to("/dev") or (file.exists() and not file.is_file() and not file.is_dir()):
+        file.write_bytes(data)
+        return
     file = file.resolve()
     draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     try:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import csv
 import heapq
+import io
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
 from socialbot.core.errors import RunError
-from socialbot.core.paths import writing
+from socialbot.core.paths import replace_file, writing
 from socialbot.core.terminal import without_controls
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.record import VIDEO
@@ -44,15 +45,17 @@ def write_csv(run: RecordedRun, path: Path) -> int:
     """
     labels = {_cell(name): _cell(value) for name, value in run.results.get("labels", {}).items()}
     frame = rows = 0
-    with writing(path, RunError, remedy="give another file"), path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*COLUMNS, *labels])
-        for record in run.history:
-            rows += 1
-            frame += record.kind == "detection"
-            seconds = f"{run.history.seconds(record.stamp):.3f}"
-            fields = map(_cell, (record.source, record.kind, record.what, record.id, record.cause))
-            writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow([*COLUMNS, *labels])
+    for record in run.history:
+        rows += 1
+        frame += record.kind == "detection"
+        seconds = f"{run.history.seconds(record.stamp):.3f}"
+        fields = map(_cell, (record.source, record.kind, record.what, record.id, record.cause))
+        writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
+    with writing(path, RunError, remedy="give another file"):
+        replace_file(path, text.getvalue().encode())
     return rows
 
 
@@ -109,7 +112,7 @@ def write_elan(run: RecordedRun, path: Path) -> int:
     )
     ElementTree.indent(document)
     with writing(path, RunError, remedy="give another file"):
-        ElementTree.ElementTree(document).write(path, encoding="utf-8", xml_declaration=True)
+        replace_file(path, ElementTree.tostring(document, encoding="utf-8", xml_declaration=True))
     return count
 
 

@@ -23,7 +23,7 @@ from rich.text import Text
 
 from socialbot.bags.image_files import decode_image
 from socialbot.core.errors import ImageError
-from socialbot.core.paths import writing
+from socialbot.core.paths import replace_file, writing
 
 T = TypeVar("T")
 
@@ -150,7 +150,7 @@ def write_file(path: Path, content: str | bytes) -> Path:
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        replace_file(path, content.encode() if isinstance(content, str) else content)
     return path
 
 

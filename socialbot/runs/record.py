@@ -238,7 +238,7 @@ class RunTrace:
         self.check()
         path = self.folder / RESULTS
         try:
-            path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
+            paths.replace_file(path, msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
         except OSError as error:
             if not self._lossy:
                 raise _unusable(f"cannot be written: {error.strerror}", self.folder, "free some space") from error

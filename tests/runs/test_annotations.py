@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import csv
+import os
+import resource
 import shutil
+import subprocess
 import time
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,10 +17,11 @@ import msgspec
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import RunError
+from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.annotations import COLUMNS, write_csv, write_elan
 from socialbot.runs.folder import RecordedRun, open_run
+from socialbot.runs.pages import write_file
 from tests.runs.runs import greeting
 from tests.system.running import socialbot_here
 
@@ -39,6 +44,34 @@ def tiers(path: Path) -> dict[str, list[tuple[int, int, str]]]:
             for each in tier.iter("ALIGNABLE_ANNOTATION")
         ]
     return found
+
+
+@pytest.mark.parametrize("write", [write_csv, write_elan, lambda run, path: write_file(path, 5000 * "new ")])
+def test_a_full_disk_leaves_the_file_of_before(
+    write: Callable[[RecordedRun, Path], object], folder: Path, tmp_path: Path
+) -> None:
+    """Files of a limited size fail as on a full disk."""
+    run, path = open_run(folder), tmp_path / "table"
+    path.write_text("of before")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with pytest.raises(SocialbotError, match="cannot be written"):
+            write(run, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert path.read_text() == "of before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_table_can_go_to_a_pipe(folder: Path, tmp_path: Path) -> None:
+    """Such as /dev/stdout. It stays a pipe."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        write_csv(open_run(folder), pipe)
+        assert reader.communicate()[0].startswith(b"time_s,")
+    assert pipe.is_fifo()
 
 
 def test_a_table_has_a_row_per_record(folder: Path, tmp_path: Path):

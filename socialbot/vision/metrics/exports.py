@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import writing
+from socialbot.core.paths import replace_file, writing
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation
 from socialbot.vision.metrics.matches import ranked
 
@@ -52,7 +52,7 @@ def export(evaluation: Evaluation, name: str, path: Path) -> list[Path]:
     for place, data in files.items():
         with writing(place, ParameterError, remedy="choose another place"):
             place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(data)
+            replace_file(place, data)
     return list(files)
 
 
