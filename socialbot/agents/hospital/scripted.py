@@ -16,16 +16,6 @@ from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, W
 from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROBOTS, ROLES, SPOT, UVD
 from socialbot.agents.teams import messages as acl
 from socialbot.agents.teams.actions import as_literal, names_of
-from socialbot.agents.teams.messages import (
-    COORDINATOR,
-    EVERYBODY,
-    PRIVATE_MESSAGES,
-    AclMessage,
-    ActionResult,
-    Missions,
-    MissionStatus,
-    MissionView,
-)
 from socialbot.agents.teams.missions import AgentPool, Mission, PlanProgress, RegisteredAgent, view
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
@@ -45,11 +35,11 @@ class _Running(NamedTuple):
 class ScriptedCoordinator(Node):
     """Disinfects one room after the other; the rooms of failed missions stay as they are."""
 
-    heard = Input(AclMessage, MESSAGES)
+    heard = Input(acl.AclMessage, MESSAGES)
     state = Input(WardState, STATE, Delivery.LATCHED)
-    said = Output(AclMessage, MESSAGES)
-    directed = Output(AclMessage, PRIVATE_MESSAGES)
-    missions = Output(Missions, MISSIONS, Delivery.LATCHED)
+    said = Output(acl.AclMessage, MESSAGES)
+    directed = Output(acl.AclMessage, acl.PRIVATE_MESSAGES)
+    missions = Output(acl.Missions, MISSIONS, Delivery.LATCHED)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
@@ -60,23 +50,22 @@ class ScriptedCoordinator(Node):
         self._members: dict[str, RegisteredAgent] = {}
         self._ward: WardState | None = None
         self._running: _Running | None = None
-        self._over: list[MissionView] = []
+        self._over: list[acl.MissionView] = []
 
     def start(self) -> None:
-        self._sender.send(EVERYBODY, "query", acl.Register())
+        self._sender.send(acl.EVERYBODY, "query", acl.Register())
 
-    def _send(self, message: AclMessage) -> None:
+    def _send(self, message: acl.AclMessage) -> None:
         (self.directed if message.receiver in self._members else self.said).publish(message)
 
     @heard
-    def on_heard(self, message: AclMessage) -> None:
+    def on_heard(self, message: acl.AclMessage) -> None:
         if message.receiver != self.name:
             return
         content = message.content
         if isinstance(content, acl.Register):
-            self._members[message.sender] = RegisteredAgent(
-                message.sender, content.kind, frozenset(content.capabilities)
-            )
+            name, capabilities = message.sender, frozenset(content.capabilities)
+            self._members[name] = RegisteredAgent(name, content.kind, capabilities)
             self._sender.send(message.sender, "agree", content, in_reply_to=message.id)
             self._begin()
         elif self._running is not None and message.mission == self._running.mission.label:
@@ -151,7 +140,7 @@ class ScriptedCoordinator(Node):
         elif room is not None and ward.stamp > running.mission.ended:
             self._end(running, "failed", "the room is not disinfected")
 
-    def _end(self, running: _Running, status: MissionStatus, problem: str = "") -> None:
+    def _end(self, running: _Running, status: acl.MissionStatus, problem: str = "") -> None:
         mission, progress = running.mission, running.progress
         mission.status, mission.problem = status, problem
         mission.past = progress.executed(failed=status == "failed")
@@ -164,7 +153,7 @@ class ScriptedCoordinator(Node):
 
     def _publish(self) -> None:
         running = [view(self._running.mission, self._running.progress)] if self._running else []
-        self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
+        self.missions.publish(acl.Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
 
 
 class ScriptedAgent(HospitalMember):
@@ -186,8 +175,8 @@ class ScriptedAgent(HospitalMember):
 
     @HospitalMember.heard
     @HospitalMember.private
-    def on_heard(self, message: AclMessage) -> None:
-        if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
+    def on_heard(self, message: acl.AclMessage) -> None:
+        if message.sender == self.name or message.receiver not in (self.name, acl.EVERYBODY):
             return
         match message.content:
             case acl.Register() if message.performative == "query":
@@ -207,7 +196,7 @@ class ScriptedAgent(HospitalMember):
             del self._missions[id]
             self.cancel(id)
 
-    def _do(self, text: str, message: AclMessage) -> None:
+    def _do(self, text: str, message: acl.AclMessage) -> None:
         try:
             action = parse_literal(text)
         except SocialbotError as error:
@@ -218,14 +207,16 @@ class ScriptedAgent(HospitalMember):
         self.command(id, action.functor, names_of(action.args))
 
     @HospitalMember.results
-    def on_result(self, message: ActionResult) -> None:
+    def on_result(self, message: acl.ActionResult) -> None:
         mission = self._missions.pop(message.id, None)
         if mission is None:
             return
         report = acl.Report(message.outcome, message.action, message.args, message.reason)
-        self._sender.send(COORDINATOR, "inform", report, mission)
+        self._sender.send(acl.COORDINATOR, "inform", report, mission)
         if message.outcome == "failure":
-            self._sender.send(COORDINATOR, "inform", acl.Problem(message.reason, message.args, message.action), mission)
+            self._sender.send(
+                acl.COORDINATOR, "inform", acl.Problem(message.reason, message.args, message.action), mission
+            )
 
 
 def actions_of(kind: str) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from socialbot.agents.warehouse.scenario import (
     CARRIER_NAMES,
     FOLDER,
     GRIPPER_DOMAIN,
+    GRIPPER_RULES,
     HIGH_M,
     LOAD,
     SIX,
@@ -237,7 +238,7 @@ class GripperAgent(Deliberating):
     cmd_gripper_status = Output(GripperStatus, "~/cmd_gripper_status")
 
     pddl_file = Parameter(GRIPPER_DOMAIN.name, "the domain, PDDL 2.1", fixed=True)
-    init_reactive_rules_set = Parameter("gripper_rules.yaml", "its rules (YAML)", fixed=True)
+    init_reactive_rules_set = Parameter(GRIPPER_RULES.name, "its rules (YAML)", fixed=True)
     agent_group = Parameter("grippers", "the group it belongs to", fixed=True)
     belief_ck = Parameter("carriers", "groups that may check its beliefs, separated by commas", fixed=True)
     comp_plan_tries = Parameter(16, "plannings that fail before a desire is dropped", minimum=1, fixed=True)

@@ -289,8 +289,7 @@ def parse_faults(text: str, *scenarios: Scenario) -> tuple[WorldFault, ...]:
     a robot, or `BOXES`, is ``silent``, or a robot ``stalls``, for a duration.
     """
     examples = "30 leaves carrier_c; 40 slips; 50 silent carrier_a 10; 60 stalls gripper_a 3"
-    each = [{**_fault_targets(scenario), "vanishes": scenario.boxes} for scenario in scenarios]
-    targets = {kind: _union(aisle[kind] for aisle in each) for kind in each[0]}
+    targets = {**_fault_targets(*scenarios), "vanishes": [box for scenario in scenarios for box in scenario.boxes]}
     return parse_world_faults(text, targets, ("silent", "stalls"), examples)
 
 
@@ -302,15 +301,10 @@ def faults_in(scenario: Scenario, faults: Iterable[WorldFault]) -> tuple[WorldFa
     return tuple(fault for fault in faults if fault.target in names)
 
 
-def _union(targets: Iterable[tuple[str, ...] | None]) -> tuple[str, ...] | None:
-    """The targets of a kind of fault in all aisles; None for a kind without targets."""
-    names = [name for known in targets if known is not None for name in known]
-    return tuple(dict.fromkeys(names)) or None
-
-
-def _fault_targets(scenario: Scenario) -> dict[str, tuple[str, ...] | None]:
-    robots = (scenario.gripper, *scenario.carriers)
-    return {"leaves": scenario.carriers, "slips": None, "silent": (*robots, BOXES), "stalls": robots}
+def _fault_targets(*scenarios: Scenario) -> dict[str, list[str] | None]:
+    carriers = [carrier for scenario in scenarios for carrier in scenario.carriers]
+    robots = [robot for scenario in scenarios for robot in (scenario.gripper, *scenario.carriers)]
+    return {"leaves": carriers, "slips": None, "silent": [*robots, BOXES], "stalls": robots}
 
 
 def random_faults(seed: int, scenario: Scenario, *, until_s: float = 150.0) -> tuple[WorldFault, ...]:
