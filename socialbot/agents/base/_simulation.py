@@ -34,11 +34,13 @@ class SimulatedWorld:
         """Time of the next event, unless a command adds an earlier one."""
         return self._events[0][0] if self._events else None
 
-    def _at(self, time: int, happen: Callable[[], None]) -> None:
+    def at(self, time: int, happen: Callable[[], None]) -> None:
+        """Let an event happen at ``time``."""
         heapq.heappush(self._events, (time, next(self._sequence), happen))
 
-    def _after(self, seconds: float, happen: Callable[[], None]) -> None:
-        self._at(self.now + nanoseconds(seconds), happen)
+    def after(self, seconds: float, happen: Callable[[], None]) -> None:
+        """Let an event happen after some seconds."""
+        self.at(self.now + nanoseconds(seconds), happen)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,11 +73,6 @@ class _Activity:
         return f"{self.action}({', '.join(self.args)})"
 
 
-class _Agenda(SimulatedWorld):
-    at = SimulatedWorld._at
-    after = SimulatedWorld._after
-
-
 class TeamWorld(Node):
     """Simulated world of a team. A subclass says with what it begins, and how long its actions take.
 
@@ -106,7 +101,7 @@ class TeamWorld(Node):
         self.homes = dict(self.members())
         self._activities: dict[str, _Activity] = {}
         self._silent_until: dict[str, int] = {}
-        self._time = _Agenda(self.clock.now())
+        self._time = SimulatedWorld(self.clock.now())
         self._timer: Timer | None = None
         self._faults = self._parse_faults()
 
@@ -124,7 +119,7 @@ class TeamWorld(Node):
         return 0.0 if activity is None or activity.due < 0 else (activity.due - self._time.now) / SECOND
 
     def start(self) -> None:
-        self._time = _Agenda(self.clock.now())
+        self._time = SimulatedWorld(self.clock.now())
         for fault in self._faults:
             self._time.after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self._report()

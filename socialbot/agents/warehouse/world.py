@@ -109,7 +109,7 @@ class Warehouse(SimulatedWorld):
         self._slips = 0
         self._silence: dict[str, int] = {}
         for fault in faults:
-            self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
+            self.after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
 
     # Commands
 
@@ -129,14 +129,14 @@ class Warehouse(SimulatedWorld):
             self._lift()
         else:
             self._lowering = order = self._lowering + 1
-            self._at(max(self.now, self.crane.drive.arrival), lambda: self._lower(order))
+            self.at(max(self.now, self.crane.drive.arrival), lambda: self._lower(order))
         return ""
 
     def set_grip(self, status: str) -> str:
         """Open or close the fingers within `GRASP_S`."""
         if status not in ("open", "close"):
             return f"{status!r} is neither open nor close"
-        self._after(GRASP_S, self._release_box if status == "open" else self._grasp)
+        self.after(GRASP_S, self._release_box if status == "open" else self._grasp)
         return ""
 
     def move_carrier(self, carrier: str, target: str) -> str:
@@ -156,7 +156,7 @@ class Warehouse(SimulatedWorld):
             return f"{carrier} is not at its deposit"
         if carrier not in self._unloading:
             self._unloading[carrier] = due = self.now + nanoseconds(UNLOAD_S)
-            self._at(due, lambda: self._put_into_deposit(carrier, due))
+            self.at(due, lambda: self._put_into_deposit(carrier, due))
         return ""
 
     # State
@@ -222,7 +222,7 @@ class Warehouse(SimulatedWorld):
         if order != self._lowering:
             return
         if not self.crane.rests(self.now):
-            self._at(self.crane.drive.arrival, lambda: self._lower(order))
+            self.at(self.crane.drive.arrival, lambda: self._lower(order))
             return
         touched = self._surface(self.crane.drive.position(self.now))[0]
         self._move_fingers(min(touched + (BOX_M if self.held else 0.0), HIGH_M))

@@ -27,8 +27,50 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
+from socialbot.core.messages import Structured
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Input, Output, Parameter
+
+Command = tuple[type[Structured], Callable[[Warehouse, Any], str]]
+"""Message of a command, and its execution, which returns the reason of a refusal."""
+
+GRIPPER_COMMANDS: Mapping[str, Command] = {
+    "cmd_motors_pose": (MoveCommand, lambda world, command: world.move_crane(command.target)),
+    "cmd_gripper_pose": (GripperPose, lambda world, command: world.set_fingers(command.pose)),
+    "cmd_gripper_status": (GripperStatus, lambda world, command: world.set_grip(command.status)),
+}
+
+
+def _gripper_ports(gripper: str, prefix: str = "", *, optional: bool = False) -> dict[str, Any]:
+    """The ports of a gripper, and their callbacks; their names begin with ``prefix``."""
+    return _inputs(gripper, GRIPPER_COMMANDS, prefix, optional) | {
+        f"{prefix}motors_move_status": Output(MoveStatus, f"/{gripper}/motors_move_status"),
+        f"{prefix}gripper_status": Output(GripperStatus, f"/{gripper}/gripper_status"),
+    }
+
+
+def _carrier_ports(carrier: str, *, optional: bool = False) -> dict[str, Any]:
+    """The ports of a carrier, and their callbacks."""
+    commands: Mapping[str, Command] = {
+        "cmd_target": (MoveCommand, lambda world, command: world.move_carrier(carrier, command.target)),
+        "cmd_unload": (UnloadCommand, lambda world, _: world.unload(carrier)),
+    }
+    status = Output(MoveStatus, f"/{carrier}/move_status")
+    return _inputs(carrier, commands, f"{carrier}_", optional) | {f"{carrier}_move_status": status}
+
+
+def _inputs(robot: str, commands: Mapping[str, Command], prefix: str, optional: bool) -> dict[str, Any]:
+    """The inputs for commands to a robot, and their callbacks."""
+    found: dict[str, Any] = {}
+    for name, (kind, execute) in commands.items():
+        port = Input(kind, f"/{robot}/{name}", optional=optional)
+
+        def on_command(node: WarehouseWorld, command: Structured, execute: Any = execute) -> None:
+            node.execute(robot, lambda world: execute(world, command))
+
+        on_command.__name__ = f"on_{prefix}{name}"
+        found |= {f"{prefix}{name}": port, on_command.__name__: port(on_command)}
+    return found
 
 
 class WarehouseWorld(Node):
@@ -42,11 +84,7 @@ class WarehouseWorld(Node):
     boxes: ClassVar[int] = 6
     carriers: ClassVar[int] = 3
 
-    cmd_motors_pose = Input(MoveCommand, f"/{GRIPPER}/cmd_motors_pose")
-    cmd_gripper_pose = Input(GripperPose, f"/{GRIPPER}/cmd_gripper_pose")
-    cmd_gripper_status = Input(GripperStatus, f"/{GRIPPER}/cmd_gripper_status")
-    motors_move_status = Output(MoveStatus, f"/{GRIPPER}/motors_move_status")
-    gripper_status = Output(GripperStatus, f"/{GRIPPER}/gripper_status")
+    vars().update(_gripper_ports(GRIPPER))
     box_positions = Output(BoxPositions, "/warehouse/boxes")
 
     seed = Parameter(0, "random seed of speeds and stalls", fixed=True)
@@ -91,18 +129,6 @@ class WarehouseWorld(Node):
         self.worlds = self._new_worlds()  # on a simulated clock, the time is not known before
         self.context.call_at(self.clock.now(), self._report)
 
-    @cmd_motors_pose
-    def on_motors_pose(self, command: MoveCommand) -> None:
-        self.execute(GRIPPER, lambda world: world.move_crane(command.target))
-
-    @cmd_gripper_pose
-    def on_gripper_pose(self, command: GripperPose) -> None:
-        self.execute(GRIPPER, lambda world: world.set_fingers(command.pose))
-
-    @cmd_gripper_status
-    def on_gripper_status(self, command: GripperStatus) -> None:
-        self.execute(GRIPPER, lambda world: world.set_grip(command.status))
-
     def execute(self, robot: str, command: Callable[[Warehouse], str]) -> None:
         """Execute a command to a robot in its aisle at the present time, and log its refusal."""
         world = self._aisle_of(robot)
@@ -138,59 +164,8 @@ def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
     """The node type ``name`` of a world with a number of boxes and carriers."""
     members: dict[str, Any] = {"boxes": boxes, "carriers": carriers, "__doc__": WarehouseWorld.__doc__}
     for carrier in scenario_of(boxes, carriers).carriers:
-        members |= _ports_of(carrier)
+        members |= _carrier_ports(carrier)
     return type(name, (WarehouseWorld,), members)
-
-
-def _ports_of(carrier: str, *, optional: bool = False) -> dict[str, Any]:
-    """The ports of one carrier, and their callbacks."""
-    target = Input(MoveCommand, f"/{carrier}/cmd_target", optional=optional)
-    unload = Input(UnloadCommand, f"/{carrier}/cmd_unload", optional=optional)
-
-    def on_target(node: WarehouseWorld, command: MoveCommand) -> None:
-        node.execute(carrier, lambda world: world.move_carrier(carrier, command.target))
-
-    def on_unload(node: WarehouseWorld, command: UnloadCommand) -> None:
-        node.execute(carrier, lambda world: world.unload(carrier))
-
-    on_target.__name__ = f"on_{carrier}_target"
-    on_unload.__name__ = f"on_{carrier}_unload"
-    return {
-        f"{carrier}_cmd_target": target,
-        f"{carrier}_cmd_unload": unload,
-        f"{carrier}_move_status": Output(MoveStatus, f"/{carrier}/move_status"),
-        on_target.__name__: target(on_target),
-        on_unload.__name__: unload(on_unload),
-    }
-
-
-def _gripper_ports(gripper: str) -> dict[str, Any]:
-    """The ports of a further gripper, and their callbacks."""
-    motors = Input(MoveCommand, f"/{gripper}/cmd_motors_pose", optional=True)
-    fingers = Input(GripperPose, f"/{gripper}/cmd_gripper_pose", optional=True)
-    grip = Input(GripperStatus, f"/{gripper}/cmd_gripper_status", optional=True)
-
-    def on_motors(node: WarehouseWorld, command: MoveCommand) -> None:
-        node.execute(gripper, lambda world: world.move_crane(command.target))
-
-    def on_fingers(node: WarehouseWorld, command: GripperPose) -> None:
-        node.execute(gripper, lambda world: world.set_fingers(command.pose))
-
-    def on_grip(node: WarehouseWorld, command: GripperStatus) -> None:
-        node.execute(gripper, lambda world: world.set_grip(command.status))
-
-    ports: dict[str, Any] = {
-        f"{gripper}_motors_move_status": Output(MoveStatus, f"/{gripper}/motors_move_status"),
-        f"{gripper}_gripper_status": Output(GripperStatus, f"/{gripper}/gripper_status"),
-    }
-    for name, port, callback in (
-        ("cmd_motors_pose", motors, on_motors),
-        ("cmd_gripper_pose", fingers, on_fingers),
-        ("cmd_gripper_status", grip, on_grip),
-    ):
-        callback.__name__ = f"on_{gripper}_{name}"
-        ports |= {f"{gripper}_{name}": port, callback.__name__: port(callback)}
-    return ports
 
 
 World = world_of(6, 3, "World")
@@ -203,9 +178,10 @@ class LayoutWorld(WarehouseWorld):
 
     layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
 
-    vars().update(port for carrier in CARRIER_NAMES for port in _ports_of(carrier, optional=True).items())
-
-    vars().update(port for gripper in GRIPPER_NAMES[1:] for port in _gripper_ports(gripper).items())
+    for _carrier in CARRIER_NAMES:
+        vars().update(_carrier_ports(_carrier, optional=True))
+    for _gripper in GRIPPER_NAMES[1:]:
+        vars().update(_gripper_ports(_gripper, f"{_gripper}_", optional=True))
 
     def initial_scenarios(self) -> tuple[Scenario, ...]:
         return load_layout(self.layout, where=f"{self.name}.layout")

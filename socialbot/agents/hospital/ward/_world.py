@@ -164,9 +164,9 @@ class WardWorld(SimulatedWorld):
         self._people = itertools.count(1)
         self._faulty: dict[tuple[str, str], int] = {}
         for time_s, room in ward.infections:
-            self._after(time_s, lambda room=room: self.change_room(room, disinfected=False))
+            self.after(time_s, lambda room=room: self.change_room(room, disinfected=False))
         for fault in (*self.problems, *faults):
-            self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
+            self.after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self.advance(start)
 
     def _new_agent(self, member: WardMember, home: Room, chance: random.Random) -> WardAgent:
@@ -411,7 +411,7 @@ class WardWorld(SimulatedWorld):
                 activity.due = -1
                 activity.then()
 
-        self._at(activity.due, happen)
+        self.at(activity.due, happen)
 
     def _factor(self, agent: WardAgent) -> float:
         return 1.0 + agent.chance.uniform(-self.noise, self.noise)
@@ -438,7 +438,7 @@ class WardWorld(SimulatedWorld):
             case "silent" | "slow":
                 until, key = self.now + nanoseconds(seconds), (fault.kind, fault.target)
                 self._faulty[key] = max(until, self._faulty.get(key, 0))
-                self._at(until, self._changed)
+                self.at(until, self._changed)
 
     def _changed(self) -> None:
         self.changes += 1
@@ -460,7 +460,7 @@ class WardWorld(SimulatedWorld):
             if person in people:
                 self.change_room(room, people=tuple(name for name in people if name != person))
 
-        self._after(seconds, walk_out)
+        self.after(seconds, walk_out)
 
     def _nurse_leaves(self, nurse: WardAgent, seconds: float) -> None:
         if nurse.activity:
@@ -473,7 +473,7 @@ class WardWorld(SimulatedWorld):
                 nurse.position = self.ward.room_by_name[nurse.member.home].centre
                 self.changes += 1
 
-        self._after(seconds, come_back)
+        self.after(seconds, come_back)
 
     def _stall(self, agent: WardAgent, pause: int) -> None:
         """Postpone the activity of an agent and its partners."""
