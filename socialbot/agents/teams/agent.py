@@ -20,19 +20,6 @@ from socialbot.agents.teams.actions import (
     end,
     problem,
 )
-from socialbot.agents.teams.messages import (
-    CANCELS,
-    COMMANDS,
-    COORDINATOR,
-    EVERYBODY,
-    MESSAGES,
-    OWN_MESSAGES,
-    RESULTS,
-    AclMessage,
-    ActionCancel,
-    ActionCommand,
-    ActionResult,
-)
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.library import CompiledPlan
@@ -55,12 +42,12 @@ CANCEL_DELAY_S = 0.2
 class TeamMember(Node):
     """Member of a team: it registers with the coordinator, and commands actions to the world."""
 
-    heard = Input(AclMessage, MESSAGES, addressed_by="receiver")
-    private = Input(AclMessage, OWN_MESSAGES, optional=True)
-    results = Input(ActionResult, RESULTS, addressed_by="robot")
-    said = Output(AclMessage, MESSAGES)
-    commands = Output(ActionCommand, COMMANDS)
-    cancels = Output(ActionCancel, CANCELS)
+    heard = Input(acl.AclMessage, acl.MESSAGES, addressed_by="receiver")
+    private = Input(acl.AclMessage, acl.OWN_MESSAGES, optional=True)
+    results = Input(acl.ActionResult, acl.RESULTS, addressed_by="robot")
+    said = Output(acl.AclMessage, acl.MESSAGES)
+    commands = Output(acl.ActionCommand, acl.COMMANDS)
+    cancels = Output(acl.ActionCancel, acl.CANCELS)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self._sender = acl.AclSender(name, context.clock, self.said.publish)
@@ -74,7 +61,7 @@ class TeamMember(Node):
     def register(self, in_reply_to: str = "") -> None:
         """Register, again and again until an answer arrives."""
         if in_reply_to or not self._registered:
-            self._sender.send(COORDINATOR, "request", self.registration(), in_reply_to=in_reply_to)
+            self._sender.send(acl.COORDINATOR, "request", self.registration(), in_reply_to=in_reply_to)
             if not in_reply_to:
                 self.call_after(REGISTER_S, self.register)
 
@@ -84,11 +71,13 @@ class TeamMember(Node):
 
     def command(self, id: str, action: str, args: tuple[str, ...]) -> None:
         """Command an action."""
-        self.commands.publish(ActionCommand(stamp=self.clock.now(), id=id, robot=self.name, action=action, args=args))
+        self.commands.publish(
+            acl.ActionCommand(stamp=self.clock.now(), id=id, robot=self.name, action=action, args=args)
+        )
 
     def cancel(self, id: str) -> None:
         """Cancel the action of a command."""
-        self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+        self.cancels.publish(acl.ActionCancel(stamp=self.clock.now(), id=id))
 
 
 class TeamAgent(TeamMember, AgentNode):
@@ -119,9 +108,9 @@ class TeamAgent(TeamMember, AgentNode):
         self.label = ""
         """Label of its plans."""
         self._labels: list[str] = []
-        self._early_messages: list[AclMessage] = []
+        self._early_messages: list[acl.AclMessage] = []
         self._uncompiled: list[CompiledPlan] = []
-        self._plan_message: AclMessage | None = None
+        self._plan_message: acl.AclMessage | None = None
         """Message with its latest plans."""
         self._in_progress: dict[str, WorldAction] = {}
         self._to_cancel: dict[tuple[str, tuple[str, ...]], str] = {}
@@ -156,9 +145,9 @@ class TeamAgent(TeamMember, AgentNode):
 
     @TeamMember.heard
     @TeamMember.private
-    def on_heard(self, message: AclMessage) -> None:
+    def on_heard(self, message: acl.AclMessage) -> None:
         """Process a message, and refuse an invalid one."""
-        if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
+        if message.receiver not in (self.name, acl.EVERYBODY) or message.sender == self.name:
             return
         if violation := self._protocol_error(message):
             if message.receiver == self.name:
@@ -183,13 +172,13 @@ class TeamAgent(TeamMember, AgentNode):
                 if message.receiver == self.name and message.performative not in ("agree", "inform"):
                     self._refuse(message, f"{self.kind} does not handle {type(other).__name__}")
 
-    def _protocol_error(self, message: AclMessage) -> str:
+    def _protocol_error(self, message: acl.AclMessage) -> str:
         """The violation of the protocol or of authority by a message; an empty string for a valid one."""
-        if message.sender != COORDINATOR and isinstance(message.content, (acl.Plan, acl.Start, acl.Stop, acl.End)):
+        if message.sender != acl.COORDINATOR and isinstance(message.content, (acl.Plan, acl.Start, acl.Stop, acl.End)):
             return f"only the coordinator sends this, not {message.sender}"
         return acl.protocol_error(message)
 
-    def _take_plan(self, message: AclMessage, content: acl.Plan) -> None:
+    def _take_plan(self, message: acl.AclMessage, content: acl.Plan) -> None:
         if self._plan_message is not None and message.id == self._plan_message.id:
             return
         # Another registration would count as a restart.
@@ -240,10 +229,10 @@ class TeamAgent(TeamMember, AgentNode):
         if self._plan_message is not None:
             self._refuse(self._plan_message, str(error))
 
-    def _take_mission_message(self, message: AclMessage) -> None:
+    def _take_mission_message(self, message: acl.AclMessage) -> None:
         """Process a message about a mission; one that arrives before the plans waits for them."""
         if message.mission != self.label:
-            if message.mission and message.sender != COORDINATOR:
+            if message.mission and message.sender != acl.COORDINATOR:
                 self._early_messages = [*self._early_messages[-31:], message]
             return
         match message.content:
@@ -267,14 +256,14 @@ class TeamAgent(TeamMember, AgentNode):
 
     def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
         if self.label:
-            self._sender.send(COORDINATOR, "inform", acl.Problem(reason, args, action), self.label)
+            self._sender.send(acl.COORDINATOR, "inform", acl.Problem(reason, args, action), self.label)
 
     def finish(self) -> None:
         """Report the end of its part, and forget the mission."""
-        self._sender.send(COORDINATOR, "request", acl.Finished(), self.label)
+        self._sender.send(acl.COORDINATOR, "request", acl.Finished(), self.label)
         self.engine.call(self._give_up)
 
-    def _refuse(self, message: AclMessage, reason: str) -> None:
+    def _refuse(self, message: acl.AclMessage, reason: str) -> None:
         if message.performative not in ("refuse", "failure"):
             self.log.warning("refused a message of %s: %s", message.sender, reason)
             self._sender.send(message.sender, "refuse", acl.Refusal(reason), message.mission, message.id)
@@ -341,13 +330,13 @@ class TeamAgent(TeamMember, AgentNode):
             self.cancel(id)
 
     @TeamMember.results
-    def on_result(self, message: ActionResult) -> None:
+    def on_result(self, message: acl.ActionResult) -> None:
         world_action = self._in_progress.pop(message.id, None)
         if message.robot != self.name or world_action is None:
             return
         self._to_cancel.pop(world_action.key, None)
         self._sender.send(
-            COORDINATOR,
+            acl.COORDINATOR,
             "inform",
             acl.Report(message.outcome, message.action, message.args, message.reason),
             "" if world_action.own else self.label,

@@ -13,15 +13,6 @@ from socialbot.agents.base.state_file import StateFile
 from socialbot.agents.teams import messages as acl
 from socialbot.agents.teams._mission_manager import MissionManager, Send
 from socialbot.agents.teams.domain import TeamDomain
-from socialbot.agents.teams.messages import (
-    COORDINATOR,
-    EVERYBODY,
-    MESSAGES,
-    MISSIONS,
-    PRIVATE_MESSAGES,
-    AclMessage,
-    Missions,
-)
 from socialbot.agents.teams.missions import (
     FOREVER,
     CoordinatorMemory,
@@ -50,17 +41,17 @@ class Coordinator:
 
     def begin(self) -> None:
         """Ask all agents to register: early ones, and those in the memory."""
-        self.manager.send(EVERYBODY, "query", acl.Register(), "", "")
+        self.manager.send(acl.EVERYBODY, "query", acl.Register(), "", "")
 
     # Messages
 
-    def receive(self, message: AclMessage, now: int) -> None:
+    def receive(self, message: acl.AclMessage, now: int) -> None:
         """Process a message. Refuse one with an unknown receiver, or an invalid one."""
         self.manager.now = now
-        if message.sender == COORDINATOR:
+        if message.sender == acl.COORDINATOR:
             return
-        if message.receiver != COORDINATOR:
-            if message.receiver != EVERYBODY and message.receiver not in self.memory.members:
+        if message.receiver != acl.COORDINATOR:
+            if message.receiver != acl.EVERYBODY and message.receiver not in self.memory.members:
                 self._refuse(message, f"there is no {message.receiver}")
             else:
                 self._note_life(message.sender)
@@ -92,7 +83,7 @@ class Coordinator:
             member.aside_until = 0
             self.manager.await_team()
 
-    def _register(self, message: AclMessage, content: acl.Register) -> None:
+    def _register(self, message: acl.AclMessage, content: acl.Register) -> None:
         if not NODE_NAME.fullmatch(message.sender):
             self._refuse(message, f"{message.sender!r} is no name of a node")
             return
@@ -108,7 +99,7 @@ class Coordinator:
         if mission is not None and not message.in_reply_to:
             self.manager.recover(mission, f"{name} restarted")
 
-    def _request(self, message: AclMessage, content: acl.InitialTrigger) -> None:
+    def _request(self, message: acl.AclMessage, content: acl.InitialTrigger) -> None:
         world, domain, kind = self.manager.world, self.manager.domain, content.mission_kind
         target = content.args[0] if len(content.args) == 1 else ""
         if kind not in domain.kinds or not target:
@@ -123,7 +114,7 @@ class Coordinator:
                 self.manager.await_team(mission)
             self.manager.send(message.sender, "agree", content, mission.label, message.id)
 
-    def _update(self, message: AclMessage) -> None:
+    def _update(self, message: acl.AclMessage) -> None:
         """Update a running mission with a report of an agent."""
         mission = self._mission_of(message)
         if mission is None or mission.status != "running":
@@ -144,13 +135,13 @@ class Coordinator:
                     mission.ended = self.manager.now
                     self._conclude(mission)
 
-    def _mission_of(self, message: AclMessage) -> Mission | None:
+    def _mission_of(self, message: acl.AclMessage) -> Mission | None:
         """The mission of a message, if its plans are current."""
         member = self.memory.members.get(message.sender)
         mission = self.memory.missions.get(member.mission) if member else None
         return mission if mission is not None and mission.label == message.mission else None
 
-    def _refuse(self, message: AclMessage, reason: str) -> None:
+    def _refuse(self, message: acl.AclMessage, reason: str) -> None:
         if message.performative not in ("refuse", "failure"):
             log.warning("refused a message of %s: %s", message.sender, reason)
             self.manager.send(message.sender, "refuse", acl.Refusal(reason), message.mission, message.id)
@@ -228,10 +219,10 @@ class TeamCoordinator(Node):
 
     deliberates = True
 
-    heard = Input(AclMessage, MESSAGES)
-    said = Output(AclMessage, MESSAGES)
-    directed = Output(AclMessage, PRIVATE_MESSAGES)
-    missions = Output(Missions, MISSIONS, Delivery.LATCHED)
+    heard = Input(acl.AclMessage, acl.MESSAGES)
+    said = Output(acl.AclMessage, acl.MESSAGES)
+    directed = Output(acl.AclMessage, acl.PRIVATE_MESSAGES)
+    missions = Output(acl.Missions, acl.MISSIONS, Delivery.LATCHED)
 
     policy = Parameter(
         "auto",
@@ -249,11 +240,11 @@ class TeamCoordinator(Node):
         super().__init__(name, context, parameters)
         path = paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
         self._memory_kept = None if path is None else StateFile(self, path, lambda: self._save(path))
-        sender = acl.AclSender(COORDINATOR, self.clock, self._send)
+        sender = acl.AclSender(acl.COORDINATOR, self.clock, self._send)
         self.coordinator = Coordinator(self.team_domain(), sender.send, self._options(), _recall(path))
         self.planning_s = self.coordinator.manager.planning_s
 
-    def _send(self, message: AclMessage) -> None:
+    def _send(self, message: acl.AclMessage) -> None:
         (self.directed if message.receiver in self.coordinator.memory.members else self.said).publish(message)
 
     def team_domain(self) -> TeamDomain[Any]:
@@ -264,7 +255,7 @@ class TeamCoordinator(Node):
         self.coordinator.begin()
 
     @heard
-    def on_heard(self, message: AclMessage) -> None:
+    def on_heard(self, message: acl.AclMessage) -> None:
         self.coordinator.receive(message, self.clock.now())
         self._publish()
 
@@ -286,7 +277,7 @@ class TeamCoordinator(Node):
         manager = self.coordinator.manager
         if manager.changed:
             manager.changed = False
-            self.missions.publish(Missions(stamp=self.clock.now(), missions=tuple(manager.views())))
+            self.missions.publish(acl.Missions(stamp=self.clock.now(), missions=tuple(manager.views())))
             if self._memory_kept is not None:
                 self._memory_kept.changed()
         if self._memory_kept is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
@@ -60,7 +60,7 @@ TEAM_WORLD_MESSAGES: tuple[type[Structured], ...] = (TeamState,)
 
 
 @dataclass
-class _Activity:
+class Activity:
     """An action in progress, or one that waits for partners; ``ids`` are its commands with their times, by agent."""
 
     action: str
@@ -71,6 +71,15 @@ class _Activity:
 
     def __str__(self) -> str:
         return f"{self.action}({', '.join(self.args)})"
+
+    def results(self, now: int, reason: str) -> Iterator[ActionResult]:
+        """The results of its commands at ``now`` (ns); an empty reason means success."""
+        outcome = "failure" if reason else "success"
+        for robot, (id, begun) in self.ids.items():
+            yield ActionResult(
+                stamp=now, id=id, robot=robot, action=self.action, args=self.args, outcome=outcome, reason=reason,
+                duration_s=(now - begun) / SECOND,
+            )  # fmt: skip
 
 
 class TeamWorld(Node):
@@ -99,7 +108,7 @@ class TeamWorld(Node):
         super().__init__(name, context, parameters)
         self.variables = self.initial()
         self.homes = dict(self.members())
-        self._activities: dict[str, _Activity] = {}
+        self._activities: dict[str, Activity] = {}
         self._silent_until: dict[str, int] = {}
         self._time = SimulatedWorld(self.clock.now())
         self._timer: Timer | None = None
@@ -155,11 +164,12 @@ class TeamWorld(Node):
     def on_command(self, command: ActionCommand) -> None:
         self._time.advance(self.clock.now())
         if refusal := self._refusal(command):
-            self._answer(command.id, command.robot, command.action, command.args, self._time.now, refusal)
+            ids = {command.robot: (command.id, self._time.now)}
+            self._publish_results(Activity(command.action, command.args, ids), refusal)
             return
         key = (command.action, command.args)
         same = (each for each in self._activities.values() if (each.action, each.args) == key and each.due < 0)
-        activity = next(same, None) or _Activity(*key)
+        activity = next(same, None) or Activity(*key)
         self._activities[command.robot] = activity
         activity.ids[command.robot] = (command.id, self._time.now)
         if command.action in self.joint_actions and not {*command.args}.intersection(self.homes) <= activity.ids.keys():
@@ -187,7 +197,7 @@ class TeamWorld(Node):
                 self._end(activity, CANCELLED)
         self._publish()
 
-    def _finish(self, activity: _Activity) -> None:
+    def _finish(self, activity: Activity) -> None:
         if activity.over or activity.due > self._time.now:
             return
         operator = self.domain.actions[activity.action]
@@ -200,23 +210,17 @@ class TeamWorld(Node):
             self.variables = after
         self._end(activity, "" if isinstance(after, TaskState) else f"{activity.action} is not possible")
 
-    def _end(self, activity: _Activity, reason: str) -> None:
+    def _end(self, activity: Activity, reason: str) -> None:
         if activity.over:
             return
         activity.over = True
-        for name, (id, begin) in activity.ids.items():
+        for name in activity.ids:
             del self._activities[name]
-            self._answer(id, name, activity.action, activity.args, begin, reason)
+        self._publish_results(activity, reason)
 
-    def _answer(self, id: str, robot: str, action: str, args: tuple[str, ...], begin: int, reason: str) -> None:
-        now = self._time.now
-        outcome = "failure" if reason else "success"
-        self.results.publish(
-            ActionResult(
-                stamp=now, id=id, robot=robot, action=action, args=args, outcome=outcome, reason=reason,
-                duration_s=(now - begin) / SECOND,
-            )
-        )  # fmt: skip
+    def _publish_results(self, activity: Activity, reason: str) -> None:
+        for result in activity.results(self._time.now, reason):
+            self.results.publish(result)
 
     # Sensors
 

@@ -7,9 +7,10 @@ suction, a constraint that is active while it is closed. A carrier pushes its bo
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.base.mujoco import CONTROL_NS, STEP_S, SURROUNDINGS, Physics, look_at, servo
 from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
@@ -20,7 +21,6 @@ from socialbot.agents.warehouse.scenario import (
     DECK_M,
     FOOTPRINT,
     HIGH_M,
-    SIX,
     START,
     FloorLayout,
     Scenario,
@@ -146,19 +146,11 @@ class PhysicalWarehouse(Warehouse):
     Raises InstallationError without MuJoCo.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario = SIX,
-        *,
-        seed: int = 0,
-        noise: float = 0.1,
-        faults: tuple[WorldFault, ...] = (),
-        start: int = 0,
-    ) -> None:
-        super().__init__(scenario, seed=seed, noise=noise, faults=faults, start=start)
-        self.physics = Physics(scene_xml(scenario), start)
-        self._body = {box: self.physics.model.body(box).id for box in scenario.boxes}
-        self._weld = {box: self.physics.model.equality(box).id for box in scenario.boxes}
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.physics = Physics(scene_xml(self.scenario), self.now)
+        self._body = {box: self.physics.model.body(box).id for box in self.scenario.boxes}
+        self._weld = {box: self.physics.model.equality(box).id for box in self.scenario.boxes}
         self._gone: set[str] = set()
         self._gripped = ""
         self._refresh()

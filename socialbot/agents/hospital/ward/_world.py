@@ -43,7 +43,8 @@ from socialbot.agents.hospital.ward.ward import (
     length,
 )
 from socialbot.agents.teams.messages import CANCELLED, PARTNER_ABSENT, ActionResult
-from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.agents.teams.world import Activity
+from socialbot.core.clock import nanoseconds
 
 PATIENCE_S = 10.0
 """Longest wait of a joint action for the other partner."""
@@ -54,25 +55,14 @@ CHARGE_STEP = 0.1
 
 
 @dataclass
-class Activity:
-    """An action in progress, or one that waits for a partner.
+class WardActivity(Activity):
+    """An action in progress, or one that waits for a partner; ``then`` continues it when it is due."""
 
-    ``ids`` are the id and time (ns) of the command, by agent.
-    """
-
-    action: str
-    args: tuple[str, ...]
-    ids: dict[str, tuple[str, int]] = field(default_factory=dict)
-    due: int = -1
     then: Callable[[], None] = lambda: None
-    over: bool = False
 
     @property
     def waits(self) -> bool:
         return self.action in JOINT_ACTIONS and len(self.ids) < len(self.args)
-
-    def __str__(self) -> str:
-        return f"{self.action}({', '.join(self.args)})"
 
 
 @dataclass
@@ -85,7 +75,7 @@ class WardAgent:
     chance: random.Random
     inside: bool = True
     battery: float = 1.0
-    activity: Activity | None = None
+    activity: WardActivity | None = None
     journey: Journey | None = None
     outdated: set[str] = field(default_factory=set, repr=False)
     """Names of agents whose shown state has changed; shared by all agents of a ward."""
@@ -147,6 +137,7 @@ class WardWorld(SimulatedWorld):
         self.durations = durations
         self.noise = noise
         self.problems = drawn_problems(ward, seed, rate)
+        self._prepare((*self.problems, *faults))
         self.rooms = {
             room.name: RoomState(name=room.name, door_open=room.name not in ward.closed, cleaned=True, disinfected=True)
             for room in ward.rooms
@@ -169,6 +160,9 @@ class WardWorld(SimulatedWorld):
             self.after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self.advance(start)
 
+    def _prepare(self, faults: Sequence[WorldFault]) -> None:
+        """Called before the agents are made, with all faults of the run."""
+
     def _new_agent(self, member: WardMember, home: Room, chance: random.Random) -> WardAgent:
         return WardAgent(member, home.name, home.centre, chance, outdated=self._outdated)
 
@@ -177,11 +171,11 @@ class WardWorld(SimulatedWorld):
     def command(self, id: str, robot: str, action: str, args: tuple[str, ...]) -> None:
         """Start an action of a robot or nurse; `take_results` returns its result, now or later."""
         if refusal := self._refusal(robot, action, args):
-            self._report(id, robot, action, args, self.now, refusal)
+            self._results += Activity(action, args, {robot: (id, self.now)}).results(self.now, refusal)
             return
         activities = (self.agents[name].activity for name in args if name in self.agents)
         waiting = (each for each in activities if each and each.waits and (each.action, each.args) == (action, args))
-        activity = self.agents[robot].activity = next(waiting, None) or Activity(action, args)
+        activity = self.agents[robot].activity = next(waiting, None) or WardActivity(action, args)
         activity.ids[robot] = (id, self.now)
         self.changes += 1
         self._begin(activity)
@@ -246,7 +240,7 @@ class WardWorld(SimulatedWorld):
 
     # Actions
 
-    def _begin(self, activity: Activity) -> None:
+    def _begin(self, activity: WardActivity) -> None:
         """Start an activity if its conditions hold: with the wait for a partner, then the path, then the work."""
         agent = self.agents[activity.args[0]]
         if agent.battery < LOW_AT and activity.action in POWERED and agent.member.kind in ROBOTS:
@@ -261,11 +255,11 @@ class WardWorld(SimulatedWorld):
             way_s = max((self._go_in(self.agents[name]) for name in self._inside(activity)), default=0.0)
             self._later(activity, way_s + self._seconds(agent, activity.action), lambda: self._do(activity))
 
-    def _inside(self, activity: Activity) -> tuple[str, ...]:
+    def _inside(self, activity: WardActivity) -> tuple[str, ...]:
         """The agents that have to be inside the room: none for a door or a radio message."""
         return () if activity.action == "a_open_door" or activity.action in ANYWHERE else tuple(activity.ids)
 
-    def _obstacle(self, activity: Activity) -> str:
+    def _obstacle(self, activity: WardActivity) -> str:
         """The reason why the action cannot be executed; checked at its start and at its end."""
         absent = [name for name in activity.args if name in self.agents and self.agents[name].place == AWAY]
         if absent and activity.action != "a_navigate_to":
@@ -288,7 +282,7 @@ class WardWorld(SimulatedWorld):
             return DIRTY_ROOM
         return PERSON_IN_ROOM if self.rooms[room].people else ""
 
-    def _do(self, activity: Activity) -> None:
+    def _do(self, activity: WardActivity) -> None:
         """Complete an action with its effects."""
         room, reason = activity.args[-1], self._obstacle(activity)
         if not reason:
@@ -301,7 +295,7 @@ class WardWorld(SimulatedWorld):
                 self.change_room(room, **EFFECTS[activity.action])
         self._end(activity, reason)
 
-    def _depart(self, activity: Activity, agent: WardAgent) -> None:
+    def _depart(self, activity: WardActivity, agent: WardAgent) -> None:
         """Move to the entrance of a room, or of the nearest dock."""
         is_charge = activity.action == "a_charge"
         if agent.inside and (agent.place in self.ward.docks if is_charge else agent.place == activity.args[1]):
@@ -319,7 +313,7 @@ class WardWorld(SimulatedWorld):
         seconds = self._travel(agent, points)
         self._later(activity, seconds, lambda: self._reach_door(activity, agent, target))
 
-    def _reach_door(self, activity: Activity, agent: WardAgent, target: str) -> None:
+    def _reach_door(self, activity: WardActivity, agent: WardAgent, target: str) -> None:
         self._stop(agent)
         agent.place = target
         self.changes += 1
@@ -329,7 +323,7 @@ class WardWorld(SimulatedWorld):
         else:
             self._end(activity, "")
 
-    def _arrive(self, activity: Activity, agent: WardAgent) -> None:
+    def _arrive(self, activity: WardActivity, agent: WardAgent) -> None:
         self._stop(agent)
         if activity.action == "a_charge" and agent.battery < 1.0:
             step = min(CHARGE_STEP, 1.0 - agent.battery)
@@ -337,7 +331,7 @@ class WardWorld(SimulatedWorld):
         else:
             self._end(activity, "")
 
-    def _fill(self, activity: Activity, agent: WardAgent, step: float) -> None:
+    def _fill(self, activity: WardActivity, agent: WardAgent, step: float) -> None:
         """Charge the battery by a step; a cancelled charge keeps its steps."""
         agent.battery = min(round(agent.battery + step, 6), 1.0)
         self.changes += 1
@@ -374,38 +368,24 @@ class WardWorld(SimulatedWorld):
         if agent.member.kind in ROBOTS:
             agent.battery = max(agent.battery - amount, 0.0)
 
-    def _end(self, activity: Activity, reason: str) -> None:
+    def _end(self, activity: WardActivity, reason: str) -> None:
         """End an activity for all its agents; an empty reason means success."""
         activity.over = True
-        for name, (id, begin) in activity.ids.items():
+        for name in activity.ids:
             agent = self.agents[name]
             self._stop(agent)
             agent.activity = None
-            self._report(id, name, activity.action, activity.args, begin, reason)
+        self._results += activity.results(self.now, reason)
         self.changes += 1
-
-    def _report(self, id: str, robot: str, action: str, args: tuple[str, ...], begin: int, reason: str) -> None:
-        self._results.append(
-            ActionResult(
-                stamp=self.now,
-                id=id,
-                robot=robot,
-                action=action,
-                args=args,
-                outcome="failure" if reason else "success",
-                reason=reason,
-                duration_s=(self.now - begin) / SECOND,
-            )
-        )
 
     # Events
 
-    def _later(self, activity: Activity, seconds: float, then: Callable[[], None]) -> None:
+    def _later(self, activity: WardActivity, seconds: float, then: Callable[[], None]) -> None:
         """Continue an activity after ``seconds``, unless it has ended or was postponed."""
         activity.due, activity.then = self.now + nanoseconds(seconds), then
         self._arm(activity)
 
-    def _arm(self, activity: Activity) -> None:
+    def _arm(self, activity: WardActivity) -> None:
         def happen(due: int = activity.due) -> None:
             if not activity.over and activity.due == due:
                 activity.due = -1

@@ -16,21 +16,18 @@ from typing import Any
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.base.mujoco import CONTROL_NS, SURROUNDINGS, Physics, look_at, servo
-from socialbot.agents.hospital.ward._world import Activity, WardAgent, WardWorld
+from socialbot.agents.hospital.ward._world import WardActivity, WardAgent, WardWorld
 from socialbot.agents.hospital.ward.messages import AWAY, WardState
 from socialbot.agents.hospital.ward.ward import (
     NURSE,
-    PAPER,
     ROOM_M,
     SPOT,
     UVD,
-    ActionDurations,
     Journey,
     Position,
     Room,
     Ward,
     WardMember,
-    drawn_problems,
 )
 from socialbot.core.clock import SECOND
 
@@ -216,34 +213,25 @@ class PhysicalWard(WardWorld):
     Raises InstallationError without MuJoCo.
     """
 
-    def __init__(
-        self,
-        ward: Ward,
-        *,
-        seed: int = 0,
-        rate: float = 0.0,
-        noise: float = 0.0,
-        faults: Sequence[WorldFault] = (),
-        durations: ActionDurations = PAPER,
-        start: int = 0,
-    ) -> None:
-        expected = (*drawn_problems(ward, seed, rate), *faults)
-        untidy = tuple(dict.fromkeys(fault.target for fault in expected if fault.kind == "dirty"))
-        visitors = sum(fault.kind == "enters" for fault in expected)
-        self.physics = Physics(scene_xml(ward, visitors, untidy, durations.speed), start)
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        for room, is_open in self._swung.items():
+            self.physics.put(f"{room} door", OPEN_RAD if is_open else 0.0)
+        self.physics.mujoco.mj_forward(self.physics.model, self.physics.data)
+        self._arrange()
+
+    def _prepare(self, faults: Sequence[WorldFault]) -> None:
+        untidy = tuple(dict.fromkeys(fault.target for fault in faults if fault.kind == "dirty"))
+        visitors = sum(fault.kind == "enters" for fault in faults)
+        self.physics = Physics(scene_xml(self.ward, visitors, untidy, self.durations.speed), self.now)
         self._untidy = dict.fromkeys(untidy, False)
         """Whether the litter of a room lies in it."""
         self._inside_people: dict[str, str] = {}
         """Room of each visitor."""
         self._absent: set[str] = set()
         self._facing: dict[str, float] = {}
-        self._swung = {room.name: room.name not in ward.closed for room in ward.rooms}
+        self._swung = {room.name: room.name not in self.ward.closed for room in self.ward.rooms}
         """Whether a door is to be open."""
-        super().__init__(ward, seed=seed, rate=rate, noise=noise, faults=faults, durations=durations, start=start)
-        for room, is_open in self._swung.items():
-            self.physics.put(f"{room} door", OPEN_RAD if is_open else 0.0)
-        self.physics.mujoco.mj_forward(self.physics.model, self.physics.data)
-        self._arrange()
 
     def _new_agent(self, member: WardMember, home: Room, chance: random.Random) -> WardAgent:
         return _PhysicalAgent(
@@ -290,19 +278,19 @@ class PhysicalWard(WardWorld):
         drives = agent.journey is not None and self.now < agent.journey.end
         return drives or math.dist(agent.goal(self.now), agent.at(self.now)) > ARRIVED_M
 
-    def _reach_door(self, activity: Activity, agent: WardAgent, target: str) -> None:
+    def _reach_door(self, activity: WardActivity, agent: WardAgent, target: str) -> None:
         if self._is_underway(agent):
             self._later(activity, LOOK_S, lambda: self._reach_door(activity, agent, target))
         else:
             super()._reach_door(activity, agent, target)
 
-    def _arrive(self, activity: Activity, agent: WardAgent) -> None:
+    def _arrive(self, activity: WardActivity, agent: WardAgent) -> None:
         if self._is_underway(agent):
             self._later(activity, LOOK_S, lambda: self._arrive(activity, agent))
         else:
             super()._arrive(activity, agent)
 
-    def _do(self, activity: Activity) -> None:
+    def _do(self, activity: WardActivity) -> None:
         room = activity.args[-1]
         waits = any(self._is_underway(self.agents[name]) for name in self._inside(activity))
         if activity.action == "a_open_door" and not self._obstacle(activity):
