@@ -150,6 +150,39 @@ _HEAD = (
 )  # fmt: skip
 _HEAD_Z = 0.02  # Chin above the neck joint.
 
+_HEM = (-0.27, 0.15, 0.205, 0.0), (-0.16, 0.142, 0.198, 0.0), (-0.06, 0.128, 0.175, 0.004)
+_SKIRT = (-0.47, 0.17, 0.19, 0.0), (-0.25, 0.155, 0.188, 0.0), (-0.05, 0.135, 0.182, -0.008), (0.08, 0.11, 0.15, 0.0)
+_BAG = (0.0, 0.06, 0.12, -0.17), (0.08, 0.085, 0.145, -0.18), (0.25, 0.08, 0.145, -0.175), (0.36, 0.05, 0.11, -0.15)
+_NECK = (0.37, 0.062, 0.066, -0.012), (0.45, 0.054, 0.056, -0.008), (0.53, 0.05, 0.05, 0.006)
+_LONG_HAIR = (
+    (-0.13, 0.03, 0.085, -0.085), (-0.03, 0.045, 0.1, -0.07), (0.09, 0.055, 0.094, -0.045), (0.2, 0.06, 0.08, -0.025),
+)  # fmt: skip
+_UPPER_ARM = (
+    (-0.3, 0.043, 0.041, 0.0), (-0.2, 0.05, 0.047, 0.0), (-0.08, 0.055, 0.052, 0.0),
+    (-0.01, 0.062, 0.055, 0.0), (0.035, 0.045, 0.04, 0.0), (0.052, 0.01, 0.01, 0.0),
+)  # fmt: skip
+_FOREARM = (-0.25, 0.028, 0.024, 0.0), (-0.14, 0.037, 0.034, 0.0), (-0.05, 0.044, 0.04, 0.0), (0.02, 0.042, 0.04, 0.0)
+_HAND = (
+    (-0.42, 0.012, 0.008, 0.012), (-0.38, 0.036, 0.014, 0.008), (-0.32, 0.044, 0.018, 0.004),
+    (-0.27, 0.034, 0.02, 0.0), (-0.24, 0.027, 0.022, 0.0),
+)  # fmt: skip
+_THIGH = (
+    (-0.46, 0.062, 0.058, 0.005), (-0.4, 0.064, 0.06, 0.004), (-0.25, 0.078, 0.074, 0.004),
+    (-0.08, 0.094, 0.086, 0.0), (0.02, 0.092, 0.08, -0.005), (0.07, 0.06, 0.05, -0.005),
+)  # fmt: skip
+_TROUSER_LEG = (
+    (-0.4, 0.052, 0.05, 0.0), (-0.3, 0.054, 0.052, -0.006), (-0.13, 0.064, 0.06, -0.012),
+    (-0.02, 0.06, 0.057, 0.0), (0.04, 0.056, 0.052, 0.004),
+)  # fmt: skip
+_SHIN = (
+    (-0.42, 0.034, 0.03, 0.0), (-0.32, 0.04, 0.036, -0.004), (-0.13, 0.056, 0.05, -0.012),
+    (-0.02, 0.05, 0.047, 0.0), (0.04, 0.048, 0.046, 0.004),
+)  # fmt: skip
+_SHOE = (
+    (-0.075, 0.022, 0.026, 0.018), (-0.06, 0.048, 0.034, 0.0), (0.0, 0.052, 0.037, 0.0), (0.08, 0.034, 0.043, -0.02),
+    (0.14, 0.026, 0.044, -0.03), (0.185, 0.02, 0.032, -0.036), (0.2, 0.008, 0.012, -0.042),
+)  # fmt: skip
+
 
 def figure(looks: Looks) -> Figure:
     """Make the body of a person."""
@@ -220,48 +253,33 @@ class _Body:
     def _trunk(self) -> list[Part]:
         looks = self.looks
         chest, pelvis = _CHEST[looks.shape], _PELVIS[looks.shape]
-        parts = [self._lofted("chest", looks.top, chest, cloth=True, square=2.3)]
-        below = looks.legs
-        parts.append(self._lofted("pelvis", below, pelvis, cloth=True, square=2.2))
+        parts = [
+            self._lofted("chest", looks.top, chest, cloth=True, square=2.3),
+            self._lofted("pelvis", looks.legs, pelvis, cloth=True, square=2.2),
+        ]
         if looks.lower == "skirt":
-            skirt = (
-                (-0.47, 0.17, 0.19, 0.0),
-                (-0.25, 0.155, 0.188, 0.0),
-                (-0.05, 0.135, 0.182, -0.008),
-                (0.08, 0.11, 0.15, 0.0),
-            )
-            parts.append(self._lofted("pelvis", below, skirt, cloth=True))
+            parts.append(self._lofted("pelvis", looks.legs, _SKIRT, cloth=True))
         if looks.jacket is not None:
-            hem = (-0.27, 0.15, 0.205, 0.0)
-            coat = [hem, (-0.16, 0.142, 0.198, 0.0), (-0.06, 0.128, 0.175, 0.004), *chest[2:-1]]
+            coat = (*_HEM, *chest[2:-1])
             parts.append(
                 self._lofted("chest", looks.jacket, coat, cloth=True, square=2.3, widen=0.014, shaped=_open_front)
             )
         if looks.bag is not None:
-            bag = (
-                (0.0, 0.06, 0.12, -0.17),
-                (0.08, 0.085, 0.145, -0.18),
-                (0.25, 0.08, 0.145, -0.175),
-                (0.36, 0.05, 0.11, -0.15),
-            )
-            parts.append(self._lofted("chest", looks.bag, bag, cloth=True, square=3.0, build=False))
-        neck = ((0.37, 0.062, 0.066, -0.012), (0.45, 0.054, 0.056, -0.008), (0.53, 0.05, 0.05, 0.006))
-        parts.append(self._lofted("chest", looks.skin, neck, build=False))
-        return parts
+            parts.append(self._lofted("chest", looks.bag, _BAG, cloth=True, square=3.0, build=False))
+        return [*parts, self._lofted("chest", looks.skin, _NECK, build=False)]
 
     def _head(self) -> list[Part]:
         looks, up = self.looks, _HEAD_Z + 0.035
         lifted = [(z + up, depth, width, ahead) for z, depth, width, ahead in _HEAD]
-        parts = [self._lofted("head", looks.skin, lifted, build=False, square=2.15)]
         eye = up + 0.098
-        dark = tuple(0.35 * value for value in looks.hair) if looks.hair_style == "bald" else looks.hair
-        lips = (0.75 * looks.skin[0], 0.45 * looks.skin[1], 0.45 * looks.skin[2])
-        shade = (0.86 * looks.skin[0], 0.80 * looks.skin[1], 0.78 * looks.skin[2])
+        dark = _shaded(looks.hair, 0.35, 0.35, 0.35) if looks.hair_style == "bald" else looks.hair
+        lips, shade = _shaded(looks.skin, 0.75, 0.45, 0.45), _shaded(looks.skin, 0.86, 0.80, 0.78)
+        parts = [self._lofted("head", looks.skin, lifted, build=False, square=2.15)]
         for side in (1, -1):
             parts += [
                 self._ball("head", (0.93, 0.92, 0.9), (0.086, side * 0.031, eye), (0.010, 0.014, 0.008)),
                 self._ball("head", (0.12, 0.08, 0.06), (0.0925, side * 0.031, eye), (0.006, 0.0065, 0.007)),
-                self._ball("head", dark, (0.092, side * 0.032, eye + 0.021), (0.006, 0.019, 0.0045)),  # type: ignore[arg-type]
+                self._ball("head", dark, (0.092, side * 0.032, eye + 0.021), (0.006, 0.019, 0.0045)),
                 self._ball("head", shade, (0.0, side * 0.077, eye - 0.012), (0.018, 0.010, 0.031)),
             ]
         parts += [
@@ -270,118 +288,54 @@ class _Body:
             self._ball("head", lips, (0.0875, 0, eye - 0.067), (0.008, 0.024, 0.0075)),
         ]
         if looks.beard:
-            beard = [
-                (z + up - 0.006, depth * 1.05, width * 1.06, ahead + 0.002) for z, depth, width, ahead in _HEAD[:4]
-            ]
+            beard = [(z - 0.006, depth * 1.05, width * 1.06, ahead + 0.002) for z, depth, width, ahead in lifted[:4]]
             parts.append(self._lofted("head", looks.hair, beard, build=False, shaped=_below_mouth(eye - 0.058)))
         if looks.hair_style != "bald":
-            cap = [
-                (z + up, depth * 1.1 + 0.004, width * 1.12 + 0.004, ahead - 0.006)
-                for z, depth, width, ahead in _HEAD[2:]
-            ]
+            cap = [(z, 1.1 * deep + 0.004, 1.12 * wide + 0.004, ahead - 0.006) for z, deep, wide, ahead in lifted[2:]]
             cap[-1] = (cap[-1][0] + 0.014, *cap[-1][1:])
             parts.append(self._lofted("head", looks.hair, cap, build=False, shaped=_hairline(eye)))
         if looks.hair_style == "long":
-            fall = (
-                (-0.16, 0.03, 0.085, -0.085),
-                (-0.06, 0.045, 0.1, -0.07),
-                (0.06, 0.055, 0.094, -0.045),
-                (0.17, 0.06, 0.08, -0.025),
-            )
-            parts.append(self._lofted("head", looks.hair, [(z + 0.03, *rest) for z, *rest in fall], build=False))  # type: ignore[misc]
+            parts.append(self._lofted("head", looks.hair, _LONG_HAIR, build=False))
         if looks.hair_style == "bun":
             parts.append(self._ball("head", looks.hair, (-0.105, 0, eye + 0.06), (0.045, 0.045, 0.045)))
         return parts
 
     def _arms(self) -> list[Part]:
-        looks = self.looks
-        outer = looks.jacket or looks.top
-        parts = []
+        looks, parts = self.looks, []
+        outer, widen, sleeve = looks.jacket or looks.top, 0.010 if looks.jacket else 0.004, looks.sleeves == "long"
         for side in ("l", "r"):
-            sleeve = looks.sleeves == "long"
-            upper = (
-                (-0.3, 0.043, 0.041, 0.0),
-                (-0.2, 0.05, 0.047, 0.0),
-                (-0.08, 0.055, 0.052, 0.0),
-                (-0.01, 0.062, 0.055, 0.0),
-                (0.035, 0.045, 0.04, 0.0),
-                (0.052, 0.01, 0.01, 0.0),
-            )
-            widen = 0.010 if looks.jacket else 0.004
+            upper, lower = f"upper_arm_{side}", f"forearm_{side}"
             if sleeve:
-                parts.append(self._lofted(f"upper_arm_{side}", outer, upper, cloth=True, widen=widen))
+                parts.append(self._lofted(upper, outer, _UPPER_ARM, cloth=True, widen=widen))
+                parts.append(self._lofted(lower, outer, _FOREARM, cloth=True, widen=widen))
             else:
-                parts.append(self._lofted(f"upper_arm_{side}", looks.skin, upper))
-                parts.append(self._lofted(f"upper_arm_{side}", outer, _cut(upper, -0.19), cloth=True, widen=0.009))
-            lower = (
-                (-0.25, 0.028, 0.024, 0.0),
-                (-0.14, 0.037, 0.034, 0.0),
-                (-0.05, 0.044, 0.04, 0.0),
-                (0.02, 0.042, 0.04, 0.0),
-            )
-            parts.append(
-                self._lofted(
-                    f"forearm_{side}", outer if sleeve else looks.skin, lower, cloth=sleeve, widen=widen * sleeve
-                )
-            )
-            hand = (
-                (-0.42, 0.012, 0.008, 0.012),
-                (-0.38, 0.036, 0.014, 0.008),
-                (-0.32, 0.044, 0.018, 0.004),
-                (-0.27, 0.034, 0.02, 0.0),
-                (-0.24, 0.027, 0.022, 0.0),
-            )
-            parts.append(self._lofted(f"forearm_{side}", looks.skin, hand, build=False))
-            parts.append(self._ball(f"forearm_{side}", looks.skin, (0.045, 0.0, -0.315), (0.013, 0.011, 0.035)))
+                parts.append(self._lofted(upper, looks.skin, _UPPER_ARM))
+                parts.append(self._lofted(upper, outer, _cut(_UPPER_ARM, -0.19), cloth=True, widen=0.009))
+                parts.append(self._lofted(lower, looks.skin, _FOREARM))
+            parts.append(self._lofted(lower, looks.skin, _HAND, build=False))
+            parts.append(self._ball(lower, looks.skin, (0.045, 0.0, -0.315), (0.013, 0.011, 0.035)))
         return parts
 
     def _legs(self) -> list[Part]:
         looks, parts = self.looks, []
         bare = looks.lower == "skirt"
         for side in ("l", "r"):
-            thigh = (
-                (-0.46, 0.062, 0.058, 0.005),
-                (-0.4, 0.064, 0.06, 0.004),
-                (-0.25, 0.078, 0.074, 0.004),
-                (-0.08, 0.094, 0.086, 0.0),
-                (0.02, 0.092, 0.08, -0.005),
-                (0.07, 0.06, 0.05, -0.005),
-            )
-            shin = (
-                (-0.4, 0.052, 0.05, 0.0),
-                (-0.3, 0.054, 0.052, -0.006),
-                (-0.13, 0.064, 0.06, -0.012),
-                (-0.02, 0.06, 0.057, 0.0),
-                (0.04, 0.056, 0.052, 0.004),
-            )
-            naked = (
-                (-0.42, 0.034, 0.03, 0.0),
-                (-0.32, 0.04, 0.036, -0.004),
-                (-0.13, 0.056, 0.05, -0.012),
-                (-0.02, 0.05, 0.047, 0.0),
-                (0.04, 0.048, 0.046, 0.004),
-            )
-            parts.append(self._lofted(f"thigh_{side}", looks.skin if bare else looks.legs, thigh, cloth=not bare))
+            parts.append(self._lofted(f"thigh_{side}", looks.skin if bare else looks.legs, _THIGH, cloth=not bare))
             if looks.lower == "trousers":
-                parts.append(self._lofted(f"shin_{side}", looks.legs, shin, cloth=True))
+                parts.append(self._lofted(f"shin_{side}", looks.legs, _TROUSER_LEG, cloth=True))
             else:
-                parts.append(self._lofted(f"shin_{side}", looks.skin, naked))
+                parts.append(self._lofted(f"shin_{side}", looks.skin, _SHIN))
             parts.append(Part(f"foot_{side}", looks.shoes, *_shoe(self.scale)))
         return parts
 
 
+def _shaded(colour: Colour, red: float, green: float, blue: float) -> Colour:
+    return red * colour[0], green * colour[1], blue * colour[2]
+
+
 def _shoe(scale: float) -> tuple[np.ndarray, np.ndarray]:
     """A shoe, its toes ahead and its sole `ANKLE_Z` below the joint."""
-    rings = (
-        (-0.075, 0.022, 0.026, 0.018),
-        (-0.06, 0.048, 0.034, 0.0),
-        (0.0, 0.052, 0.037, 0.0),
-        (0.08, 0.034, 0.043, -0.02),
-        (0.14, 0.026, 0.044, -0.03),
-        (0.185, 0.02, 0.032, -0.036),
-        (0.2, 0.008, 0.012, -0.042),
-    )
-    vertices, faces = loft(rings, 2.4)
+    vertices, faces = loft(_SHOE, 2.4)
     x, y, z = vertices[:, 2], vertices[:, 1], vertices[:, 0] - 0.035
     shoe = np.stack([x, -y, np.maximum(z, -ANKLE_Z)], axis=1)
     return shoe * scale, faces

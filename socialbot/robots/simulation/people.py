@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -115,14 +115,15 @@ class Episode:
     face: str = ""
 
 
-@dataclass
-class _Samples:
-    x: list[float] = field(default_factory=list)
-    y: list[float] = field(default_factory=list)
-    heading: list[float] = field(default_factory=list)
-    seated: list[float] = field(default_factory=list)
-    talking: list[float] = field(default_factory=list)
-    face: list[str] = field(default_factory=list)
+class _Sample(NamedTuple):
+    """A moment of a stay; a ``heading`` that is NaN is that of the way or the face."""
+
+    x: float
+    y: float
+    heading: float
+    face: str
+    seated: float = 0.0
+    talking: float = 0.0
 
 
 class Motion:
@@ -142,7 +143,7 @@ class Motion:
         self._most = most
         self.episodes: list[Episode] = []
         self._place = place
-        self._samples = _Samples()
+        self._samples: list[_Sample] = []
         entrance = self._door(actor.enter)
         self._at: Spot = entrance.outside
         self._heading = math.atan2(entrance.inside[1] - self._at[1], entrance.inside[0] - self._at[0])
@@ -168,7 +169,7 @@ class Motion:
         return self._place.doors[name]
 
     def _now(self) -> float:
-        return self.actor.start + len(self._samples.x) * _STEP_S
+        return self.actor.start + len(self._samples) * _STEP_S
 
     def _act(self, leg: Leg) -> None:
         begin = self._now()
@@ -198,17 +199,12 @@ class Motion:
             raise ParameterError(f"there is no spot {goal!r}", where=self.actor.id, remedy=remedy)
         return self._place.spots[goal]
 
-    def _put(self, x: float, y: float, heading: float, face: str, seated: float = 0.0, talking: float = 0.0) -> None:
-        samples = self._samples
-        if len(samples.x) >= self._most:
+    def _put(self, sample: _Sample) -> None:
+        if len(self._samples) >= self._most:
             hours = MOST_STEPS * _STEP_S / 3600
             what = f"the people of a script may stay for {hours:.1f} hours together"
             raise ParameterError(what, where=self.actor.id, remedy="shorten the legs")
-        for values, value in (
-            (samples.x, x), (samples.y, y), (samples.heading, heading), (samples.face, face),
-            (samples.seated, seated), (samples.talking, talking),
-        ):  # fmt: skip
-            values.append(value)  # type: ignore[arg-type]
+        self._samples.append(sample)
 
     def _walk(self, goal: Spot, leg: Leg) -> None:
         (x0, y0), (x1, y1) = self._at, goal
@@ -217,7 +213,7 @@ class Motion:
         for step in range(1, steps + 1):
             share = step / steps
             x, y = self._beside(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
-            self._put(x, y, math.nan, leg.face)
+            self._put(_Sample(x, y, math.nan, leg.face))
         self._at = goal
 
     def _beside(self, x: float, y: float) -> Spot:
@@ -232,7 +228,7 @@ class Motion:
 
     def _stay(self, seconds: float, face: str, *, talking: bool = False) -> None:
         for _ in range(round(seconds / _STEP_S)):
-            self._put(*self._at, math.nan, face or "ahead", talking=float(talking))
+            self._put(_Sample(*self._at, math.nan, face or "ahead", talking=float(talking)))
 
     def _sit(self, leg: Leg) -> float:
         seat = self._place.seats.get(leg.sit or "")
@@ -243,27 +239,22 @@ class Motion:
         before = seat.at[0] + _SEAT_M * ahead[0], seat.at[1] + _SEAT_M * ahead[1]
         self._walk(before, leg)
         begin = self._now()
-        for share in (*np.linspace(0, 1, round(_SIT_S / _STEP_S)), *[1.0] * round(leg.seconds / _STEP_S)):
-            at = before[0] + share * (seat.at[0] - before[0]), before[1] + share * (seat.at[1] - before[1])
-            self._put(*at, seat.heading, leg.face, seated=float(share))
-        for share in np.linspace(1, 0, round(_SIT_S / _STEP_S)):
-            at = before[0] + share * (seat.at[0] - before[0]), before[1] + share * (seat.at[1] - before[1])
-            self._put(*at, seat.heading, leg.face, seated=float(share))
+        down = np.linspace(0, 1, round(_SIT_S / _STEP_S))
+        for share in (*down, *[1.0] * round(leg.seconds / _STEP_S), *np.linspace(1, 0, len(down))):
+            x, y = (start + share * (end - start) for start, end in zip(before, seat.at, strict=True))
+            self._put(_Sample(x, y, seat.heading, leg.face, seated=float(share)))
         return begin
 
     def _finish(self) -> None:
         """Round corners, starts and stops."""
-        samples = self._samples
-        self.x, self.y = (_smoothed(np.array(values), _SETTLE_S) for values in (samples.x, samples.y))
-        self.seated = _smoothed(np.array(samples.seated), 0.2)
-        self.talking = _smoothed(np.array(samples.talking), 0.5)
-        self.faces = samples.face
+        x, y, heading, self.faces, seated, talking = zip(*self._samples, strict=True)
+        self.x, self.y = (_smoothed(np.array(values), _SETTLE_S) for values in (x, y))
+        self.seated, self.talking = _smoothed(np.array(seated), 0.2), _smoothed(np.array(talking), 0.5)
         dx, dy = np.gradient(self.x) / _STEP_S, np.gradient(self.y) / _STEP_S
         self.speed = np.hypot(dx, dy)
         self.walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
-        heading = np.array(samples.heading)
         course = np.where(self.speed > 0.25, np.arctan2(dy, dx), np.nan)
-        self.wanted = np.where(np.isnan(heading), course, heading)
+        self.wanted = np.where(np.isnan(heading), course, np.array(heading))
 
     def settle(self, others: Mapping[str, Motion]) -> None:
         """Turn body and head, once the ways of all people are known."""

@@ -68,25 +68,23 @@ class Scene:
 
     def _textures(self, spec: Any) -> None:
         mujoco = self._mujoco
-        kinds, marks = mujoco.mjtTexture, mujoco.mjtMark
-        builtin = mujoco.mjtBuiltin
-        for name, light, dark, share in (("cloth", 1.0, 0.86, 0.35),):
-            spec.add_texture(
-                name=name, type=kinds.mjTEXTURE_CUBE, builtin=builtin.mjBUILTIN_FLAT, mark=marks.mjMARK_RANDOM,
-                rgb1=(light,) * 3, rgb2=(light,) * 3, markrgb=(dark,) * 3, random=share, width=128, height=128 * 6,
-            )  # fmt: skip
-            material = spec.add_material(name=name, specular=0.05, shininess=0.05)
-            material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        kinds, marks, builtin = mujoco.mjtTexture, mujoco.mjtMark, mujoco.mjtBuiltin
+        spec.add_texture(
+            name="cloth", type=kinds.mjTEXTURE_CUBE, builtin=builtin.mjBUILTIN_FLAT, mark=marks.mjMARK_RANDOM,
+            rgb1=(1.0,) * 3, rgb2=(1.0,) * 3, markrgb=(0.86,) * 3, random=0.35, width=128, height=128 * 6,
+        )  # fmt: skip
         spec.add_texture(
             name="floor", type=kinds.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER, mark=marks.mjMARK_EDGE,
             rgb1=(1, 1, 1), rgb2=(0.94, 0.94, 0.94), markrgb=(0.75, 0.75, 0.75), width=256, height=256,
         )  # fmt: skip
+        cloth = spec.add_material(name="cloth", specular=0.05, shininess=0.05)
         floor = spec.add_material(name="floor", specular=0.2, shininess=0.3, texrepeat=(1.2, 1.2), texuniform=True)
-        floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+        for material in (cloth, floor):
+            material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
 
-    def _geom(self, body: Any, shape: str, colour: Colour, material: str = "", **rest: Any) -> None:
+    def _geom(self, body: Any, shape: str, colour: Colour, material: str = "", alpha: float = 1.0, **rest: Any) -> None:
         kind = getattr(self._mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")
-        body.add_geom(type=kind, rgba=(*colour, 1.0), material=material, contype=0, conaffinity=0, **rest)
+        body.add_geom(type=kind, rgba=(*colour, alpha), material=material, contype=0, conaffinity=0, **rest)
 
     def _room(self, spec: Any, place: Place, shadows: bool) -> None:
         world = spec.worldbody
@@ -109,12 +107,9 @@ class Scene:
             x, y = (max(low, min(value, up)) for value, low, up in zip(door.outside, (x0, y0), (x1, y1), strict=True))
             across = abs(door.outside[1] - door.inside[1]) > abs(door.outside[0] - door.inside[0])
             for grow, colour in ((0.06, (0.55, 0.50, 0.45)), (0.0, (0.33, 0.36, 0.38))):
-                half = (
-                    (0.48 + grow, 0.02 - grow / 6, 1.03 + grow / 2)
-                    if across
-                    else (0.02 - grow / 6, 0.48 + grow, 1.03 + grow / 2)
-                )
-                self._geom(world, "box", colour, pos=(x, y, half[2]), size=half)
+                wide, deep, tall = 0.48 + grow, 0.02 - grow / 6, 1.03 + grow / 2
+                half = (wide, deep, tall) if across else (deep, wide, tall)
+                self._geom(world, "box", colour, pos=(x, y, tall), size=half)
         for piece in place.furniture:
             for block, at, colour in placed(piece):
                 turn = (math.cos(piece.heading / 2), 0, 0, math.sin(piece.heading / 2))
@@ -141,15 +136,8 @@ class Scene:
         # A soft spot on the floor below each person; shadows of lamps cost more than all the rest.
         spot = spec.worldbody.add_body(name=f"{name} spot", mocap=True)
         for size, shade in ((0.36, 0.07), (0.31, 0.07), (0.26, 0.08), (0.21, 0.09), (0.16, 0.10)):
-            kind = self._mujoco.mjtGeom.mjGEOM_ELLIPSOID
-            spot.add_geom(
-                type=kind,
-                rgba=(0, 0, 0, shade),
-                size=(size, size, 0.002),
-                pos=(0, 0, 0.004 - 0.002 * size),
-                contype=0,
-                conaffinity=0,
-            )
+            at, half = (0, 0, 0.004 - 0.002 * size), (size, size, 0.002)
+            self._geom(spot, "ellipsoid", (0, 0, 0), alpha=shade, pos=at, size=half)
         for segment in body.joints:
             link = spec.worldbody.add_body(name=f"{name} {segment}", mocap=True)
             for number, part in parts.get(segment, ()):
@@ -195,14 +183,11 @@ class Scene:
                 continue
             if frames is None:
                 self.data.mocap_pos[number] = (0.0, 0.0, -10.0)
-                continue
-            if segment == "spot":
-                pelvis = frames["pelvis"][1]
-                self.data.mocap_pos[number] = (pelvis[0], pelvis[1], 0.0)
-                continue
-            turned, place = frames[segment]
-            self.data.mocap_pos[number] = place
-            self._mujoco.mju_mat2Quat(self.data.mocap_quat[number], turned.ravel())
+            elif segment == "spot":
+                self.data.mocap_pos[number] = frames["pelvis"][1] * (1.0, 1.0, 0.0)
+            else:
+                turned, self.data.mocap_pos[number] = frames[segment]
+                self._mujoco.mju_mat2Quat(self.data.mocap_quat[number], turned.ravel())
 
     def turn(self, pan_rad: float, tilt_rad: float) -> None:
         """Set the head; tilt is positive up."""
