@@ -12,8 +12,7 @@ from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Health, HeardSpeech, PersonDetection, PersonDetections, SpeechStatus
 from socialbot.speech.audio import RATE_HZ, chunks_of
-from socialbot.speech.hearing import MOST_WAITING, Hearing, SoundCheck
-from socialbot.speech.hearing_speaker import SpeakerFinder
+from socialbot.speech.hearing import MOST_WAITING, Hearing, SoundCheck, SpeakerFinder
 from socialbot.speech.voice_activity import SpeechSegmenter, VoiceThresholds
 from tests.speech.sounds import Ear, LengthRecognizer, LoudHearing, silence, spoken, tone
 

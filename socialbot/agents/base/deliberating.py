@@ -26,8 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
-from socialbot.agents.base._commands import DeliberatorCommands
-from socialbot.agents.base.agent_node import AgentNode
+from socialbot.agents.base.agent_node import AgentNode, DeliberatorCommands
 from socialbot.agents.base.state_file import StateFile
 from socialbot.bdi import Engine
 from socialbot.core import paths

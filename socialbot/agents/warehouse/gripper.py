@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.warehouse.carrier import MoveAction
-from socialbot.agents.warehouse.gripper_sensors import Boxes, CarrierStatus, Whereabouts
+from socialbot.agents.warehouse.carrier import SILENT_S, MoveAction
 from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.messages import (
+    BoxPosition,
     BoxPositions,
     GripperPose,
     GripperStatus,
@@ -38,6 +39,96 @@ from socialbot.deliberation.messages import Desire, Fact, Operation
 from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
 from socialbot.graph.ports import Input, Output, Parameter
+
+
+class CarrierStatus(FactSensor):
+    """Place of a carrier: its bay or its deposit."""
+
+    deadline_s = SILENT_S
+
+    def __init__(self, carrier: str, bay: str, deposit: str) -> None:
+        self.carrier, self.bay, self.deposit = carrier, bay, deposit
+        self.prototypes = (  # type: ignore[misc] - each carrier has its own
+            predicate("carrier_in_base", carrier, "*"),
+            predicate("carrier_in_deposit", carrier, "*"),
+        )
+
+    @property
+    def name(self) -> str:
+        return f"status of {self.carrier}"
+
+    def tell(self, percept: MoveStatus) -> Iterator[Fact]:
+        if percept.current_name == "base":
+            yield predicate("carrier_in_base", self.carrier, self.bay)
+        elif percept.current_name == "deposit":
+            yield predicate("carrier_in_deposit", self.carrier, self.deposit)
+
+
+class Whereabouts(FactSensor):
+    """Place of the gripper. Both slots of a bay count as the bay."""
+
+    prototypes = (predicate("upon", "*", "*"),)
+    deadline_s = SILENT_S
+
+    def __init__(self, gripper: str, bays: Sequence[str]) -> None:
+        self.gripper = gripper
+        self.place = {f"{bay}{slot}": bay for bay in bays for slot in (1, 2)}
+
+    def tell(self, percept: MoveStatus) -> Iterator[Fact]:
+        start, target = (self.place.get(name, name) for name in (percept.start_name, percept.target_name))
+        if percept.current_name != "moving":
+            yield predicate("upon", self.gripper, self.place.get(percept.current_name, percept.current_name))
+        elif start == target:
+            yield predicate("upon", self.gripper, start)
+
+
+class Boxes(FactSensor):
+    """Places of the boxes: on a stack, in the gripper, on a carrier, or taken away by it."""
+
+    prototypes = (
+        predicate("on", "*", "*", "*"),
+        predicate("in", "box_*", "*"),
+        predicate("clear", "box_*"),
+        predicate("clear", "base_[0-9]*"),
+        predicate("holding", "*", "*"),
+        predicate("carrier_moving", "*", "*"),
+        fluent("holding_boxes", "*"),
+        fluent("stacked", "*"),
+        fluent("moving_boxes", "*"),
+    )
+    deadline_s = SILENT_S
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.riding: dict[str, tuple[str, ...]] = {}
+        """Boxes on each carrier."""
+
+    def tell(self, percept: BoxPositions) -> Iterator[Fact]:
+        held: dict[str, list[BoxPosition]] = {}
+        for box in percept.boxes:
+            held.setdefault(box.holder, []).append(box)
+        gripper = self.scenario.gripper
+        in_fingers = held.get(gripper, ())
+        yield from (predicate("holding", gripper, box.name) for box in in_fingers)
+        yield fluent("holding_boxes", gripper, value=len(in_fingers))
+        for base in (*self.scenario.bases, *self.scenario.bays):
+            yield from self._stack(base, sorted(held.get(base, ()), key=lambda box: box.position.z))
+        for carrier, _, deposit in self.scenario.routes:
+            riding = held.get(carrier, ())
+            self.riding[carrier] = tuple(box.name for box in riding)
+            yield fluent("moving_boxes", carrier, value=len(riding))
+            for box in (*riding, *held.get(deposit, ())):
+                yield predicate("carrier_moving", carrier, box.name)
+
+    def _stack(self, base: str, boxes: Sequence[BoxPosition]) -> Iterator[Fact]:
+        names = [base, *(box.name for box in boxes)]
+        yield fluent("stacked", base, value=len(boxes))
+        for below, box in itertools.pairwise(names):
+            yield predicate("on", box, below, base)
+            yield predicate("in", box, base)
+        if base in self.scenario.bases or boxes:
+            yield predicate("clear", names[-1])
+
 
 COME_PRIORITY, COME_DEADLINE_S = 0.6, 6.0
 TOO_LONG = 0.899  # progress at which the wait for a carrier fails

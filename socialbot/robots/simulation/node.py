@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import cv2
@@ -27,8 +29,52 @@ from socialbot.robots.simulation.place import load_place, place_names
 from socialbot.robots.simulation.posture import pose
 from socialbot.robots.simulation.scene import Scene
 from socialbot.robots.simulation.schedules import Schedule
-from socialbot.robots.simulation.sensor import ImageSensor
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, Watcher, truth_frame
+
+_READ_E = 3.0  # Read noise in electrons, as of a small CMOS sensor.
+_MID_GREY = 128
+
+
+class ImageSensor:
+    """Adds what a real camera adds to drawn pictures.
+
+    The noise of each channel of each pixel is independent and normal. Shot noise grows with the square root of the
+    light; read noise does not depend on it. The transfer curve of sRGB follows.
+
+    Args:
+        noise: Standard deviation of the noise of mid-grey pixels, grey levels; 0: none.
+        blur_px: Standard deviation of the blur, px; 0: none.
+        seed: Random seed.
+    """
+
+    def __init__(self, *, noise: float, blur_px: float, seed: int = 0) -> None:
+        self._blur_px, self._seed = blur_px, seed
+        self._deviations = deviations_of(noise).astype(np.float32) if noise > 0 else None
+        # Random bytes become normal by the quantiles of the normal distribution.
+        normal = np.array([NormalDist().inv_cdf((byte + 0.5) / 256) for byte in range(256)])
+        self._normal = (normal / normal.std()).astype(np.float32)
+
+    def expose(self, picture: np.ndarray, time_ns: int) -> np.ndarray:
+        """Return the picture, shape (height, width, 3), uint8, with the blur and with the noise of this time."""
+        if self._blur_px > 0:
+            picture = cv2.GaussianBlur(picture, (0, 0), self._blur_px)
+        if self._deviations is None:
+            return picture
+        levels = random.Random(f"{self._seed} {time_ns}").randbytes(picture.size)
+        noise = cv2.LUT(np.frombuffer(levels, np.uint8).reshape(picture.shape), self._normal)
+        return cv2.add(picture, noise * cv2.LUT(picture, self._deviations), dtype=cv2.CV_8U)
+
+
+def deviations_of(noise: float) -> np.ndarray:
+    """Standard deviations of the 256 grey levels, shape (256,), of a sensor with this ``noise`` at mid-grey."""
+    grey = np.arange(256) / 255
+    light = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)
+    slope = np.gradient(light)
+    # The electrons of a white pixel solve: noise^2 = (light * white_e + read_e^2) / (white_e * slope)^2.
+    square = (noise * slope[_MID_GREY]) ** 2
+    white_e = (light[_MID_GREY] + np.sqrt(light[_MID_GREY] ** 2 + 4 * square * _READ_E**2)) / (2 * square)
+    return np.sqrt(light * white_e + _READ_E**2) / white_e / slope
+
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 LIMITS_RAD = {PAN: 1.6, TILT: 0.8}

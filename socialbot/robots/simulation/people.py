@@ -14,7 +14,7 @@ import numpy as np
 
 from socialbot.core.errors import ParameterError, suggestion
 from socialbot.core.yaml import read_page
-from socialbot.robots.simulation.looks import Looks, random_looks
+from socialbot.robots.simulation.figure import Looks, random_looks
 from socialbot.robots.simulation.place import Door, Place, Spot
 from socialbot.robots.simulation.posture import Stance
 

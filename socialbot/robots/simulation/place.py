@@ -12,7 +12,7 @@ import msgspec
 
 from socialbot.core.errors import ParameterError, suggestion
 from socialbot.core.yaml import read_page
-from socialbot.robots.simulation.looks import Colour
+from socialbot.robots.simulation.figure import Colour
 
 Spot = tuple[float, float]
 

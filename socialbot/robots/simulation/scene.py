@@ -10,8 +10,7 @@ import numpy as np
 
 from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.core.errors import InstallationError
-from socialbot.robots.simulation.figure import Figure, Part
-from socialbot.robots.simulation.looks import Colour
+from socialbot.robots.simulation.figure import Colour, Figure, Part
 from socialbot.robots.simulation.place import Place, placed
 from socialbot.robots.simulation.posture import Frame
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.agents.warehouse.gripper_sensors import Boxes, CarrierStatus, Whereabouts
+from socialbot.agents.warehouse.gripper import Boxes, CarrierStatus, Whereabouts
 from socialbot.agents.warehouse.messages import GripperPose, GripperStatus, MoveCommand, MoveStatus
 from socialbot.agents.warehouse.scenario import SIX
 from socialbot.bdi import Engine

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from socialbot.robots.simulation.sensor import ImageSensor
+from socialbot.robots.simulation.node import ImageSensor
 
 
 def grey(level: int) -> np.ndarray:
