@@ -168,7 +168,6 @@ WITHIN_LIMITS = {
     "runs/pages.py (PAGE / name).read_text": "a file of the page",
     "runs/pages.py (PAGE / 'vendor/uPlot.iife.min.js').read_text": "a file of the page",
     "cli/new.py template.read_text": "a template of a project",
-    "agents/waldo/talking.py file.read_text": "the script of an agent",
     "runtime/fork_server.py open": "a pipe to an own process",
     "runtime/_processes.py (task / 'stat').read_bytes": "written by the kernel",
     "runtime/_processes.py (task / 'schedstat').read_bytes": "written by the kernel",

@@ -124,18 +124,22 @@ class Verdict(Goal):
     """Verdict(Person, Arguments, Intent, Slots): judge the reply to `Confirm`; a repetition of them confirms."""
 
 
-class tell(LongAction):
-    """tell(Situation, Person, Arguments): say the sentence for a situation; ends with its utterance."""
-
-    def start(self, situation: str, person: str, arguments: tuple[object, ...] = ()) -> None:
-        self.engine.robot.conversation.tell(self, person, situation, arguments)
+class Telling(LongAction):
+    """Action that ends with its utterance."""
 
     def cancel(self) -> None:
         self.engine.robot.conversation.forget(self)
         self.cancelled()
 
 
-class tell_again(LongAction):
+class tell(Telling):
+    """tell(Situation, Person, Arguments): say the sentence for a situation; ends with its utterance."""
+
+    def start(self, situation: str, person: str, arguments: tuple[object, ...] = ()) -> None:
+        self.engine.robot.conversation.tell(self, person, situation, arguments)
+
+
+class tell_again(Telling):
     """tell_again(Person): repeat the last sentence to a person."""
 
     def start(self, person: str) -> None:
@@ -145,10 +149,6 @@ class tell_again(LongAction):
             self.failed(f"nothing was said to {person}")
         else:
             talk.tell(self, person, *last)
-
-    def cancel(self) -> None:
-        self.engine.robot.conversation.forget(self)
-        self.cancelled()
 
 
 class forget_person(Action):

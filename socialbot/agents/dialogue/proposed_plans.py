@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 
 from socialbot.bdi import Plan
 from socialbot.bdi.agentspeak import parse
@@ -108,8 +107,7 @@ def checked_plans(text: str, whitelist: Whitelist, limits: PlanLimits | None = N
         raise PlanRefused(f"it must contain 1 to {limits.plans} plans (got {len(program.plans)})")
     for plan in program.plans:
         _check(plan, whitelist, limits)
-    _check_ends(program.plans)
-    _check_all_steps(program.plans, limits)
+    _check_goals(program.plans, limits)
     return program.plans
 
 
@@ -226,42 +224,30 @@ def _conditions(condition: object, whitelist: Whitelist) -> None:
             raise PlanRefused(f"the condition {str(part)[:40]!r} is not allowed")
 
 
-def _check_ends(plans: tuple[Plan, ...]) -> None:
-    """Check that no plan leads to its own goal again."""
-    leads: dict[str, set[str]] = {}
-    for plan in plans:
-        goals = (
-            step.goal.functor
-            for step in _steps(plan.body, 100)
-            if isinstance(step, Achieve) and isinstance(step.goal, Literal)
-        )
-        leads.setdefault(str(plan.event.literal.functor), set()).update(goals)  # type: ignore[union-attr]
-    for goal in leads:
-        reached, pending = set(), [goal]
-        while pending:
-            for each in leads.get(pending.pop(), ()):
-                if each == goal:
-                    raise PlanRefused(f"the plans for {goal} lead to {goal} again, without end")
-                if each not in reached:
-                    reached.add(each)
-                    pending.append(each)
-
-
-def _check_all_steps(plans: tuple[Plan, ...], limits: PlanLimits) -> None:
-    """Check how many steps a goal takes with those of the goals that it leads to, which have an end."""
+def _check_goals(plans: tuple[Plan, ...], limits: PlanLimits) -> None:
+    """Check that no goal leads to itself again, and how many steps each takes with those of the goals it leads to."""
     bodies: dict[str, list[list[Step]]] = {}
     for plan in plans:
         bodies.setdefault(str(plan.event.literal.functor), []).append(list(_steps(plan.body, 100)))  # type: ignore[union-attr]
+    counts: dict[str, int] = {}
 
-    @cache
-    def steps_of(goal: str) -> int:
-        return max((sum(1 + below(step) for step in body) for body in bodies.get(goal, ())), default=0)
+    def count(goal: str, above: tuple[str, ...] = ()) -> int:
+        if goal in above:
+            raise PlanRefused(f"the plans for {goal} lead to {goal} again, without end")
+        if goal not in counts:
+            below = (*above, goal)
+            counts[goal] = max((sum(1 + of(step, below) for step in body) for body in bodies.get(goal, ())), default=0)
+        return counts[goal]
 
-    def below(step: Step) -> int:
-        return steps_of(step.goal.functor) if isinstance(step, Achieve) and isinstance(step.goal, Literal) else 0
+    def of(step: Step, above: tuple[str, ...]) -> int:
+        if isinstance(step, Achieve) and isinstance(step.goal, Literal):
+            return count(step.goal.functor, above)
+        return 0
 
-    for goal in bodies:
-        if steps_of(goal) > limits.all_steps:
+    # Goals without end first: a sum says less.
+    steps = {goal: count(goal) for goal in bodies}
+    for goal, number in steps.items():
+        if number > limits.all_steps:
             raise PlanRefused(f"the plans for {goal} lead to more than {limits.all_steps} steps")
 
 

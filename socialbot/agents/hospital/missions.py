@@ -37,6 +37,11 @@ NURSE, ROOM, SPOT, UVD = "NurseDisinfect", "NurseDisinfectRoom", "SpotRobot", "U
 UNFIT, DOOR_CLOSED, BATTERY_LOW, AUTHENTICATED = "unfit", "door closed", "battery low: ", "authenticated"
 """Findings of agents: room not fit, door closed, battery low (followed by the name of the robot), nurse known."""
 
+SETTLES = {"a_adapt_room": UNFIT, "a_open_door": DOOR_CLOSED, "a_authorize_patrol": AUTHENTICATED}
+"""Finding that ends with an action."""
+FINDS = {DIRTY_ROOM: UNFIT, PERSON_IN_ROOM: UNFIT, CLOSED_DOOR: DOOR_CLOSED}
+"""Finding that begins with a problem."""
+
 LONGEST_WAY_M = 60.0
 
 
@@ -113,27 +118,19 @@ class Disinfection(TeamDomain[WardState]):
         return {NURSE: team[NURSE], ROOM: mission.target, SPOT: team[SPOT], UVD: team[UVD]}
 
     def on_done(self, mission: Mission, item: Item, now: int) -> None:
-        match item:
-            case ("a_adapt_room", *_):
-                mission.found.pop(UNFIT, None)
-            case ("a_open_door", *_):
-                mission.found.pop(DOOR_CLOSED, None)
-            case ("a_charge", robot):
-                mission.found.pop(BATTERY_LOW + robot, None)
-            case ("a_authenticate_nurse", *_):
-                mission.found[AUTHENTICATED] = now
-            case ("a_authorize_patrol", *_):
-                mission.found.pop(AUTHENTICATED, None)
-            case _:
-                pass
+        action, *args = item
+        if action == "a_authenticate_nurse":
+            mission.found[AUTHENTICATED] = now
+        elif action == "a_charge":
+            mission.found.pop(BATTERY_LOW + args[0], None)
+        else:
+            mission.found.pop(SETTLES.get(action, ""), None)
 
     def on_problem(self, mission: Mission, problem: Problem, agent: str, now: int) -> None:
-        if problem.kind in (DIRTY_ROOM, PERSON_IN_ROOM):
-            mission.found[UNFIT] = now
-        elif problem.kind == CLOSED_DOOR:
-            mission.found[DOOR_CLOSED] = now
-        elif problem.kind == LOW_BATTERY:
+        if problem.kind == LOW_BATTERY:
             mission.found[BATTERY_LOW + agent] = now
+        elif problem.kind in FINDS:
+            mission.found[FINDS[problem.kind]] = now
 
     def longest_s(self, action: str) -> float:
         return self._durations.seconds.get(action, 0.0) + LONGEST_WAY_M / self._durations.speed

@@ -31,15 +31,18 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.installation import pip_command
 
+BUILDING = Path(__file__).with_name("building.yaml")
+"""Building of the demo."""
+
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 _HOURS = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)\s*-\s*([01]?\d|2[0-3]):([0-5]\d)")
 
 
-@dataclass(frozen=True)
-class Colleague:
-    """Person who can be called; ``room`` is "" if unknown."""
+class Colleague(msgspec.Struct):
+    """Person who can be called, with names by language; ``room`` is "" if unknown."""
 
+    names: Texts
     contact: str
     room: str = ""
 
@@ -70,12 +73,12 @@ class Building:
 
     def hours_at(self, now: int) -> tuple[str, str] | None:
         """Opening and closing time on the day of ``now`` (ns), as texts such as 8:00; None if it is closed that day."""
-        times = self.hours.get(self._local(now).weekday())
-        return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
+        return self.hours_on("today", now)
 
     def hours_on(self, day: str, now: int) -> tuple[str, str] | None:
-        """Opening and closing time on one of `DAYS`, or tomorrow, as seen from ``now`` (ns); None if it is closed."""
-        weekday = (self._local(now).weekday() + 1) % 7 if day == "tomorrow" else DAYS.index(day)
+        """Opening and closing time on one of `DAYS`, today or tomorrow, seen from ``now`` (ns); None if it is closed."""
+        today = self._local(now).weekday()
+        weekday = DAYS.index(day) if day in DAYS else (today + (day == "tomorrow")) % 7
         times = self.hours.get(weekday)
         return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
 
@@ -98,17 +101,11 @@ class _Room(msgspec.Struct):
     way: Texts
 
 
-class _Colleague(msgspec.Struct):
-    names: Texts
-    contact: str
-    room: str = ""
-
-
 class _Page(msgspec.Struct):
     timezone: str = "UTC"
     hours: dict[str, str] = {}
     rooms: dict[str, _Room] = {}
-    colleagues: dict[str, _Colleague] = {}
+    colleagues: dict[str, Colleague] = {}
 
 
 def load_building(path: Path | str, text: str | None = None) -> Building:
@@ -130,7 +127,7 @@ def load_building(path: Path | str, text: str | None = None) -> Building:
             for name, room in page.rooms.items()
         },
         {name: listed(one.names) for name, one in page.colleagues.items()},
-        {name: Colleague(one.contact, one.room) for name, one in page.colleagues.items()},
+        page.colleagues,
         dict(entry for days, hours in page.hours.items() for entry in _days(days, hours, root.line("hours", days))),
         _zone(page.timezone, root.line("timezone")),
     )

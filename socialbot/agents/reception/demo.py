@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from socialbot.agents.reception.building import load_building
+from socialbot.agents.reception.building import BUILDING, load_building
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.hearing import Hearing
@@ -30,7 +29,7 @@ def reception(
     graph = load_graph("reception")
     if recognition == "live" or (recognition == "auto" and can_hear()):
         graph = hearing(graph)
-    return graph, Path(str(resources.files("socialbot.agents.reception").joinpath("bag")))
+    return graph, BUILDING.with_name("bag")
 
 
 def can_hear() -> bool:
@@ -40,8 +39,7 @@ def can_hear() -> bool:
 
 def hearing(graph: Graph) -> Graph:
     """Return a graph that recognises speech from sound instead of taking it as an input."""
-    text = resources.files("socialbot.agents.reception").joinpath("building.yaml").read_text("utf-8")
-    building = load_building("building.yaml", text)
+    building = load_building(BUILDING)
     names = (each["en"][0] for each in (*building.rooms.values(), *building.people.values()))
     node = NodeConfig("hearing", Hearing, {"model": MODEL, "in_step": True, "vocabulary": ", ".join(names)})
     inputs = graph.inputs - {Hearing.speech.topic} | {Hearing.sound.topic}

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from importlib import resources
-
 from socialbot.agents.dialogue import Answer, Ask, Confirm, Respond, Script, load_script
-from socialbot.agents.reception.building import Building, load_building
+from socialbot.agents.reception.building import BUILDING, load_building
 from socialbot.agents.reception.messages import CallStatus, ColleagueCall
 from socialbot.agents.waldo import TalkingWaldo, small_talk
 from socialbot.bdi import Belief, Goal, Inference, LongAction, Plan, compute, error_msg, variables
@@ -46,19 +44,13 @@ class Receptionist(TalkingWaldo):
 
     def make_script(self) -> Script:
         self.calls: dict[str, call] = {}
-        self.place = self._load_building()
-        text = resources.files("socialbot.agents.reception").joinpath("reception.yaml").read_text("utf-8")
+        building = paths.in_workspace(self.building, where=f"{self.name}.building") if self.building else BUILDING
+        self.place = load_building(building)
         base = Script(values={"room": self.place.rooms, "colleague": self.place.people}, base=small_talk())
-        script = load_script("reception.yaml", text, base) | self.place.script()
+        script = load_script(BUILDING.with_name("reception.yaml"), base=base) | self.place.script()
         if self.script:
             script = load_script(paths.in_workspace(self.script, where=f"{self.name}.script"), base=script)
         return script
-
-    def _load_building(self) -> Building:
-        if self.building:
-            return load_building(paths.in_workspace(self.building, where=f"{self.name}.building"))
-        text = resources.files("socialbot.agents.reception").joinpath("building.yaml").read_text("utf-8")
-        return load_building("building.yaml", text)
 
     def rules(self) -> list[Plan | Inference | list[Plan]]:
         Who, What, Slots, Room, Person, Day, _ = variables("Who What Slots Room Person Day _")  # noqa: N806

@@ -167,22 +167,9 @@ class Listener(Node):
         """Publish the commands of one action. Raises MessageError for an unknown action."""
         match action.name, action.arguments:
             case "speak", (str(situation), str(text)):
-                self._look("track", action)
-                self.say.publish(
-                    Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, key=situation, cause=action.id)
-                )
+                self._say(action, text, key=situation)
             case "tell" | "tell_again" | "explain", (str(), str(person), str(text), str(language)):
-                self._look("track", action)
-                self.say.publish(
-                    Utterance(
-                        stamp=action.stamp,
-                        id=f"say-{action.id}",
-                        text=text,
-                        cause=action.id,
-                        person=person,
-                        language=language,
-                    )
-                )
+                self._say(action, text, person=person, language=language)
             case "attend" | "wakeUp", ():
                 self._look("track", action)
             case "fallAsleep", ():
@@ -193,6 +180,10 @@ class Listener(Node):
                 what = f"unknown action {action.name}{action.arguments}"
                 remedy = "send speak(situation, sentence), tell(situation, person, sentence, language), or stayIdle()"
                 raise MessageError(what, where=self.name, remedy=remedy)
+
+    def _say(self, action: ActionRequest, text: str, **about: str) -> None:
+        self._look("track", action)
+        self.say.publish(Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, cause=action.id, **about))
 
     def _look(self, mode: str, action: ActionRequest) -> None:
         self.head.publish(HeadCommand(stamp=action.stamp, mode=mode, cause=action.id))  # type: ignore[arg-type]

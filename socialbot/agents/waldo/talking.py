@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from importlib import resources
+from pathlib import Path
 
 from socialbot.agents.dialogue import (
     SOMEBODY,
@@ -28,6 +28,7 @@ from socialbot.agents.dialogue import (
     turn,
     waits,
 )
+from socialbot.agents.dialogue.conversation import Telling
 from socialbot.agents.waldo.nodes import Listener, WaldoNode
 from socialbot.agents.waldo.waldo import (
     DoNothing,
@@ -51,7 +52,6 @@ from socialbot.bdi import (
     Engine,
     Goal,
     Inference,
-    LongAction,
     Plan,
     Record,
     SingletonBelief,
@@ -96,7 +96,7 @@ class Clarified(Goal):
     """Clarified(Person, Intent, Slots): answer a question after the reply to which reading is meant."""
 
 
-class explain(LongAction):
+class explain(Telling):
     """explain(Person[, Reading]): answer the last question of a person about what Waldo sees, did, or will do.
 
     Reading is the one that the person chose, such as "why I greeted you".
@@ -104,10 +104,6 @@ class explain(LongAction):
 
     def start(self, person: str, reading: str = "") -> None:
         self.engine.robot.explain(self, person, reading)
-
-    def cancel(self) -> None:
-        self.engine.robot.conversation.forget(self)
-        self.cancelled()
 
 
 READ_EVERY = 200
@@ -128,8 +124,7 @@ WAKING = ("wake", "hello", "help")
 
 def small_talk() -> Script:
     """Return what Waldo understands and says in every place."""
-    file = resources.files("socialbot.agents.waldo").joinpath("small_talk.yaml")
-    return load_script("small_talk.yaml", file.read_text("utf-8"))
+    return load_script(Path(__file__).with_name("small_talk.yaml"))
 
 
 class TalkingWaldo(WaldoNode):
