@@ -216,16 +216,11 @@ class TrajectoryActionHead(RobotHead):
 
     late_s = Parameter(2.0, "time beyond the duration of a motion until it is cancelled, s", minimum=0.1, maximum=60.0)
 
-    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        super().__init__(name, context, parameters)
-        self._goal: PendingCall | None = None
-        self._number = 0
-        self._error: dict[str, float] = {}
+    error: Mapping[str, float] = {}
+    """Distance (rad) of each joint from its desired position, as the controller last reported it."""
 
-    @property
-    def error(self) -> Mapping[str, float]:
-        """Distance (rad) of each joint from its desired position, as the controller last reported it."""
-        return self._error
+    _goal: PendingCall | None = None
+    _number = 0
 
     def send(self, positions: Mapping[str, float], duration_s: float) -> None:
         seconds = int(duration_s)
@@ -253,7 +248,7 @@ class TrajectoryActionHead(RobotHead):
             self.report_health("degraded", f"no action server {port.topic}: is the controller active?")
 
     def _on_feedback(self, feedback: Any) -> None:
-        self._error = dict(zip(feedback.joint_names, feedback.error.positions, strict=False))
+        self.error = dict(zip(feedback.joint_names, feedback.error.positions, strict=False))
 
     def _on_end(self, number: int, result: CallResult) -> None:
         if number != self._number:

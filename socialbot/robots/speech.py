@@ -10,7 +10,7 @@ from typing import Any
 
 from socialbot.core.messages import HeardSpeech, RosMessage, Utterance
 from socialbot.graph.calls import CallResult, PendingCall, make_message
-from socialbot.graph.node import Context, Node
+from socialbot.graph.node import Node
 from socialbot.graph.ports import Input, Output, Parameter
 from socialbot.graph.services import ActionClient, ClientPort
 from socialbot.speech.playback import OnEnd
@@ -48,9 +48,7 @@ class ActionSpeaker(RobotSpeaker):
 
     limit_s = Parameter(LONGEST_S, "time limit of an utterance, s", minimum=1.0, maximum=600.0)
 
-    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        super().__init__(name, context, parameters)
-        self._goal: PendingCall | None = None
+    _goal: PendingCall | None = None
 
     def goal(self, utterance: Utterance) -> Mapping[str, Any]:
         """Return the fields of the goal for an utterance."""
@@ -141,10 +139,8 @@ class RobotEars(Node):
     voice = Parameter("anonymous_speaker", "id of the voice")
     least_confidence = Parameter(0.0, "lowest confidence of a sentence", minimum=0.0, maximum=1.0)
 
-    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        super().__init__(name, context, parameters)
-        self._start = 0
-        """Stamp (ns) of the first words of a sentence."""
+    _start = 0
+    """Stamp (ns) of the first words of a sentence."""
 
     @speech
     def on_speech(self, message: RosMessage) -> None:

@@ -31,6 +31,9 @@ _LEARNT_S = 0.5  # Sound of the robot before which the scale is not known.
 _MOST_OUTLIER = 4.0  # Times the expected power: what is louder counts only so much for the scale.
 _LEAST_SCALE, _LEAST_POWER = 0.02, 1e-3  # The power is that of noise of -60 dB in a band.
 
+_SPEECH_PROBABILITY, _REST_DB = 0.6, 10.0  # Least of a chunk of a person who interrupts;
+_SPOKEN_CHUNKS, _WINDOW_CHUNKS = 3, 4  # so many chunks of the last ones have to count.
+
 _LOUD_DB = 6.0  # Above the background: the sound is still there.
 _LEAST_BACKGROUND_DB = -60.0
 _BACKGROUND_CHUNKS, _TAILS = 60, 5  # About two seconds of sound; the newest tails.
@@ -277,15 +280,11 @@ class RestMeter:
 class BargeInDetector:
     """Detector of a person who speaks while the robot speaks.
 
-    A chunk counts if it is speech without the echo, too, and ``rest_db`` more is left of it than of an echo.
-    ``chunks`` of the last ``window`` have to count.
+    A chunk counts if it is speech without the echo, too, and more is left of it than of an echo.
     """
 
-    def __init__(self, *, probability: float = 0.6, rest_db: float = 10.0, chunks: int = 3, window: int = 4) -> None:
-        self._probability = probability
-        self._rest_db = rest_db
-        self._chunks = chunks
-        self._recent: deque[bool] = deque(maxlen=window)
+    def __init__(self) -> None:
+        self._recent: deque[bool] = deque(maxlen=_WINDOW_CHUNKS)
 
     def push(self, rest_db: float, probability: float) -> bool:
         """Add a chunk by how much more is left of it than of an echo, and its probability of speech.
@@ -293,8 +292,8 @@ class BargeInDetector:
         Returns:
             Whether a person speaks.
         """
-        self._recent.append(probability >= self._probability and rest_db >= self._rest_db)
-        return sum(self._recent) >= self._chunks
+        self._recent.append(probability >= _SPEECH_PROBABILITY and rest_db >= _REST_DB)
+        return sum(self._recent) >= _SPOKEN_CHUNKS
 
     def reset(self) -> None:
         """Forget the chunks before."""

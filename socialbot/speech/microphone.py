@@ -12,7 +12,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import DeviceError, InstallationError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
-from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.node import Node, Timer
 from socialbot.graph.ports import Output, Parameter
 from socialbot.speech.audio import MAX_RATE_HZ, MIN_RATE_HZ, WavFile
 from socialbot.speech.playback import SOUND_DEVICES, usual_backends
@@ -133,16 +133,13 @@ class Microphone(Node):
         if is_file(source):
             WavFile(source).close()
 
-    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        super().__init__(name, context, parameters)
-        self._device: SoundDevice | None = None
-        self._file: WavFile | None = None
-        self._timer: Timer | None = None
-        self._due = 0
-        self._end: int | None = None
-        """End (ns) of the last sound of the microphone."""
-        self._last_sound = 0
-        self._reported = False
+    _device: SoundDevice | None = None
+    _file: WavFile | None = None
+    _timer: Timer | None = None
+    _due = _last_sound = 0
+    _end: int | None = None
+    """End (ns) of the last sound of the microphone."""
+    _reported = False
 
     def start(self) -> None:
         """Open the source.

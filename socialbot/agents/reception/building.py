@@ -76,7 +76,7 @@ class Building:
         return self.hours_on("today", now)
 
     def hours_on(self, day: str, now: int) -> tuple[str, str] | None:
-        """Opening and closing time on one of `DAYS`, today or tomorrow, seen from ``now`` (ns); None if it is closed."""
+        """Opening and closing time on one of `DAYS`, today or tomorrow, seen from ``now`` (ns); None if closed."""
         today = self._local(now).weekday()
         weekday = DAYS.index(day) if day in DAYS else (today + (day == "tomorrow")) % 7
         times = self.hours.get(weekday)
