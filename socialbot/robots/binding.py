@@ -200,7 +200,7 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
     }
     nodes = [_changed(each, limits, {"trajectory": TARGET}) if each in turned else each for each in graph.nodes]
     commands = {each.topic(each.type.command) for each in turned if issubclass(each.type, Head)}
-    body = _listening(body, graph, HeadCommand, sorted(commands))
+    body = _listening(body, graph, commands)
     return _joined(graph, [*nodes, body], (), body)
 
 
@@ -254,18 +254,12 @@ def part_class(part: Part | CameraProfile, base: type[Node], profile: RobotProfi
     return kind
 
 
-def _listening(body: NodeConfig, graph: Graph, message: type, topics: list[str]) -> NodeConfig:
+def _listening(body: NodeConfig, graph: Graph, commands: set[str]) -> NodeConfig:
     """Connect the inputs of a head for head commands and utterances, which gestures follow, with those of the graph."""
-    said = sorted(
-        {topic for each in graph.nodes for topic, port in each.publications if port.message_type is Utterance}
-    )
-    found = {message: topics, Utterance: said}
-    remap = dict(body.remap)
-    for port in body.type.inputs().values():
-        names = found.get(port.message_type, [])
-        if names and port.name not in remap:
-            remap[port.name] = names[0]
-    return replace(body, remap=remap)
+    said = {topic for each in graph.nodes for topic, port in each.publications if port.message_type is Utterance}
+    found = {HeadCommand: commands, Utterance: said}
+    names = {port.name: min(found.get(port.message_type) or {""}) for port in body.type.inputs().values()}
+    return _changed(body, remap={**names, **body.remap})
 
 
 def _changed(

@@ -16,11 +16,6 @@ BLEND_S = 0.4
 """Time of the transition between two gestures."""
 
 
-def linear(share: float) -> float:
-    """Constant speed."""
-    return share
-
-
 def minimum_jerk(share: float) -> float:
     """The smoothest way between two points at rest; its highest speed is 1.875 times the mean."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
@@ -37,12 +32,6 @@ def overshoot(share: float) -> float:
 PEAK_OF_MINIMUM_JERK = 1.875
 """Highest speed of `minimum_jerk` as a multiple of the mean."""
 
-EASINGS: Mapping[str, Callable[[float], float]] = {
-    "linear": linear,
-    "minimum_jerk": minimum_jerk,
-    "overshoot": overshoot,
-}
-
 
 @dataclass(frozen=True)
 class KeyFrame:
@@ -50,7 +39,7 @@ class KeyFrame:
 
     at_s: float
     offsets: Offsets
-    easing: str = "minimum_jerk"
+    easing: Callable[[float], float] = minimum_jerk
 
 
 @dataclass(frozen=True)
@@ -80,7 +69,7 @@ class Gesture:
         for frame in self.frames:
             if seconds < frame.at_s:
                 share = (seconds - before.at_s) / (frame.at_s - before.at_s)
-                eased = EASINGS[frame.easing](min(max(share, 0.0), 1.0))
+                eased = frame.easing(min(max(share, 0.0), 1.0))
                 return {
                     channel: before.offsets.get(channel, 0.0)
                     + eased * (frame.offsets.get(channel, 0.0) - before.offsets.get(channel, 0.0))
@@ -102,7 +91,7 @@ GESTURES: Mapping[str, Gesture] = {
         Gesture(
             "greeting",
             (
-                KeyFrame(0.50, {"left": 0.65, "right": -0.65, "z": 0.008, "pitch": 0.10}, "overshoot"),
+                KeyFrame(0.50, {"left": 0.65, "right": -0.65, "z": 0.008, "pitch": 0.10}, overshoot),
                 KeyFrame(0.90, {"left": 0.2, "right": -0.2, "pitch": -0.18}),
                 KeyFrame(1.30, {"left": 0.65, "right": -0.65, "pitch": 0.05}),
                 KeyFrame(1.90, {}),
@@ -111,7 +100,7 @@ GESTURES: Mapping[str, Gesture] = {
         Gesture(
             "goodbye",
             (
-                KeyFrame(0.60, {"left": 0.8, "roll": 0.12}, "overshoot"),
+                KeyFrame(0.60, {"left": 0.8, "roll": 0.12}, overshoot),
                 KeyFrame(1.00, {"left": 0.1, "roll": 0.12}),
                 KeyFrame(1.40, {"left": 0.8, "roll": 0.12}),
                 KeyFrame(1.80, {"left": 0.1, "pitch": -0.15}),

@@ -182,18 +182,6 @@ class MobileAgent(AgentNode):
             return None
         return Pose2D(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
 
-    def goal_near(self, person: str) -> Mapping[str, Any]:
-        """Return the goal before a person. Raises Failed if the person or the robot is not seen."""
-        return self.goal_at(pose_before(*self._robot_and(person), self.social_m))
-
-    def goal_aside(self, person: str) -> Mapping[str, Any]:
-        """Return the goal beside the way of a person. Raises Failed if the person or the robot is not seen."""
-        return self.goal_at(pose_aside(*self._robot_and(person), self.clearance_m))
-
-    def goal_home(self) -> Mapping[str, Any]:
-        """Return the goal at home. Raises Failed if it is outside of the area."""
-        return self.goal_at(self._home)
-
     def goal_at(self, pose: Pose2D) -> Mapping[str, Any]:
         """Return the fields of the goal at a pose. Raises Failed if it is not finite or outside of the area."""
         if not all(map(math.isfinite, pose)):
@@ -207,22 +195,22 @@ class MobileAgent(AgentNode):
         place = {"x": float(pose.x), "y": float(pose.y), "z": 0.0}
         return {"pose": {"header": header, "pose": {"position": place, "orientation": turn}}}
 
-    def _robot_and(self, person: str) -> tuple[Pose2D, PersonSpot]:
-        """Return the pose of the robot, and the place of a person. Raises Failed."""
+    def goal_home(self) -> Mapping[str, Any]:
+        """Return the goal at home. Raises Failed if it is outside of the area."""
+        return self.goal_at(self._home)
+
+    def robot_and(self, person: str) -> tuple[Pose2D, PersonSpot]:
+        """Return the pose of the robot, and the place of a person. Raises Failed if one of them is not seen."""
         pose, lack = self.robot_pose(self._moved_at), f"no transform from {self.frame} to {self.robot_frame}"
         if pose is None:
             raise Failed("no_pose", lack)
-        spot = self._spot(person)
-        age_s = (self.clock.now() - self._moved_by) / SECOND
+        now, spot = self.clock.now(), self._people.get(person)
+        if spot is None or now - spot.stamp > self.recent_s * SECOND:
+            raise Failed("not_seen", f"{person} was not seen in the last {self.recent_s:g} s")
+        age_s = (now - self._moved_by) / SECOND
         if self._moved_at is not None and age_s > self.recent_s:
             raise Failed("no_pose", f"{lack} for {age_s:.1f} s")
         return pose, spot
-
-    def _spot(self, person: str) -> PersonSpot:
-        spot = self._people.get(person)
-        if spot is None or self.clock.now() - spot.stamp > self.recent_s * SECOND:
-            raise Failed("not_seen", f"{person} was not seen in the last {self.recent_s:g} s")
-        return spot
 
 
 _SURE_RAD = 1.0  # people who face the robot, or turn their back to it, up to this angle
@@ -254,14 +242,16 @@ class approach(_Drive):
     """Drive to a person, to the social distance in front of them."""
 
     def goal(self, who: str) -> Any:
-        return self.engine.robot.goal_near(who)
+        robot: MobileAgent = self.engine.robot
+        return robot.goal_at(pose_before(*robot.robot_and(who), robot.social_m))
 
 
 class give_way(_Drive):
     """Drive out of the way of a person."""
 
     def goal(self, who: str) -> Any:
-        return self.engine.robot.goal_aside(who)
+        robot: MobileAgent = self.engine.robot
+        return robot.goal_at(pose_aside(*robot.robot_and(who), robot.clearance_m))
 
 
 class return_home(_Drive):

@@ -69,7 +69,8 @@ class RobotPeople(Node):
         )
 
     def _person(self, body: str, stamp: int) -> PersonDetection:
-        matrix = None if self._age_problem(body, stamp) else self._lookup(body, stamp)
+        frame, is_old = self.frame_prefix + body, self._age_problem(body, stamp)
+        matrix = None if is_old else self._frames.lookup(self.robot_frame, frame, stamp)
         if matrix is None:
             return PersonDetection(x=0.0, y=0.0, w=0.0, h=0.0, score=1.0, track_id=body)
         x, y = float(matrix[0, 3]), float(matrix[1, 3])
@@ -87,9 +88,6 @@ class RobotPeople(Node):
             facing_rad=_facing(matrix),
             approach_mps=self._approach(body, stamp, distance),
         )
-
-    def _lookup(self, body: str, stamp: int) -> np.ndarray | None:
-        return self._frames.lookup(self.robot_frame, self.frame_prefix + body, stamp)
 
     def _age_problem(self, body: str, stamp: int) -> str:
         """Why no frame of a person is recent; empty if one is."""

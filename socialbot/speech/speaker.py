@@ -380,16 +380,14 @@ class Speaker(Node):
     def _speak(self, utterance: Utterance) -> None:
         self._sounding = utterance
         try:
-            detail = self.perform(utterance, partial(self._ended_elsewhere, utterance))
+            # The end comes from the thread of the player.
+            ended = partial(self._ended, utterance)
+            detail = self.perform(utterance, lambda error: self.context.call_soon(partial(ended, error)))
         except SocialbotError as error:
             self._sounding = None
             self._report(utterance, "failed", _line(error))
             return
         self._report(utterance, "started", detail)
-
-    def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
-        """Handle the end of a sound, in the thread of the player."""
-        self.context.call_soon(partial(self._ended, utterance, error))
 
     def _ended(self, utterance: Utterance, error: str | None) -> None:
         if utterance is not self._sounding:

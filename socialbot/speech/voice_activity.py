@@ -104,11 +104,6 @@ class SpeechSegmenter:
         """Whether a chunk of speech may have begun a segment."""
         return bool(self._chunks)
 
-    @property
-    def start(self) -> int:
-        """Beginning (ns) of the current segment."""
-        return self._start
-
     def push(self, chunk: np.ndarray, stamp: int, probability: float) -> SpeechSegment | None:
         """Add the chunk that begins at ``stamp`` (ns); return a segment that has ended with it."""
         limits, level = self.thresholds, level_db(chunk)

@@ -476,16 +476,13 @@ def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
 
 def _status_input(carrier: str, *, optional: bool = False) -> dict[str, Any]:
     status = Input(MoveStatus, f"/{carrier}/move_status", optional=optional)
-    return {f"{carrier}_status": status, f"on_{carrier}": status(_status_callback(carrier))}
 
-
-def _status_callback(carrier: str) -> Callable[[GripperAgent, MoveStatus], None]:
     def on_status(node: GripperAgent, message: MoveStatus) -> None:
         if carrier in node.carriers:  # otherwise it is in the aisle of another gripper
             node.carriers[carrier].push(message)
 
     on_status.__name__ = f"on_{carrier}"
-    return on_status
+    return {f"{carrier}_status": status, on_status.__name__: status(on_status)}
 
 
 Gripper = gripper_of(6, 3, "Gripper")
