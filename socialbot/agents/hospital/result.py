@@ -14,9 +14,8 @@ from socialbot.agents.hospital.ward._drawing import WORD, WardAnimation
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld, ward_of
-from socialbot.agents.teams.event_log import TeamEventLog
+from socialbot.agents.teams.event_log import MissionResult, MissionResults, TeamEventLog
 from socialbot.agents.teams.messages import Missions, MissionView
-from socialbot.agents.teams.results import MissionResult, MissionResults
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.node import Graph, check_parameters

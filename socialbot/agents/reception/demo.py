@@ -13,7 +13,7 @@ from socialbot.agents.reception.building import BUILDING, load_building
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.hearing import Hearing
-from socialbot.speech.recognition_models import is_installed
+from socialbot.speech.recognition import is_installed
 
 Recognition = Literal["auto", "live", "recorded"]
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from socialbot.agents.teams.agent import TeamAgent, TeamMember
     from socialbot.agents.teams.coordinator import Coordinator, TeamCoordinator
     from socialbot.agents.teams.domain import MemberState, Role, TeamDomain
+    from socialbot.agents.teams.event_log import MissionResults
     from socialbot.agents.teams.messages import (
         MISSIONS,
         STATE,
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     )
     from socialbot.agents.teams.missions import CoordinatorOptions, Mission
     from socialbot.agents.teams.planning import HtnMissionPlanner, MissionPlanner, PddlMissionPlanner
-    from socialbot.agents.teams.results import MissionResults
     from socialbot.agents.teams.translation import initial_triggers, stages, translate
     from socialbot.agents.teams.world import TeamMemberState, TeamState, TeamWorld
 

@@ -11,8 +11,8 @@ from socialbot.agents.hospital.result import QUIET_S, TREES, HospitalTerminal, M
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.teams.event_log import MissionResults
 from socialbot.agents.teams.messages import Missions, MissionStatus, MissionView
-from socialbot.agents.teams.results import MissionResults
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.files import load_graph

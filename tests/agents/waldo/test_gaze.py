@@ -11,8 +11,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from socialbot.agents.waldo.encounters import View
-from socialbot.agents.waldo.gaze import Gaze, Pose, Seen
-from socialbot.agents.waldo.head import Head
+from socialbot.agents.waldo.head import Gaze, Head, Pose, Seen
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory, Message, PersonDetection, PersonDetections
 from socialbot.graph.inline import InlineRunner
