@@ -7,7 +7,7 @@ import msgspec
 from socialbot.core.messages import Structured
 
 
-class SpeechMark(msgspec.Struct, frozen=True, kw_only=True):
+class SpeechMark(msgspec.Struct, frozen=True):
     """Word, or phoneme in IPA, from ``start_s`` to ``end_s`` after the stamp of its message."""
 
     kind: Literal["word", "phoneme"]

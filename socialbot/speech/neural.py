@@ -24,7 +24,8 @@ from socialbot.core.inference import Inference, check_external_data, network_lim
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.core.limits import MODEL_BYTES, TEXT_BYTES
 from socialbot.core.reading import read_bytes
-from socialbot.speech.synthesis import SOUNDS_KEPT, Mark, Sound, Synthesizer, phonemes
+from socialbot.speech.messages import SpeechMark
+from socialbot.speech.synthesis import SOUNDS_KEPT, Sound, Synthesizer, phonemes
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -120,7 +121,7 @@ class PiperVoice:
             inputs["sid"] = np.zeros(1, np.int64)
         waves, *durations = self._network.run(inputs)
         samples = np.clip(np.asarray(waves).reshape(-1) * 32767, -32768, 32767).astype(np.int16)
-        marks: list[Mark] = []
+        marks: list[SpeechMark] = []
         if durations:
             times_s = [0.0, *np.cumsum(np.asarray(durations[0]).reshape(-1)) * _HOP / self._sample_rate]
             firsts = np.cumsum([0, *(len(ids) for ids in pieces)])
@@ -129,10 +130,10 @@ class PiperVoice:
             marks = self._marks(text, symbols, spans)
         return Sound(samples, self._sample_rate, tuple(marks))
 
-    def _marks(self, text: str, symbols: Sequence[str], spans: Sequence[tuple[float, float]]) -> list[Mark]:
+    def _marks(self, text: str, symbols: Sequence[str], spans: Sequence[tuple[float, float]]) -> list[SpeechMark]:
         """Words and phonemes; espeak-ng tells how many phonemes each word has."""
         spoken = [
-            Mark("phoneme", float(start), float(end), symbol)
+            SpeechMark("phoneme", float(start), float(end), symbol)
             for symbol, (start, end) in zip(symbols, spans, strict=True)
             if symbol != " " and symbol not in _PAUSES
         ]
@@ -142,17 +143,17 @@ class PiperVoice:
             sum(len(unicodedata.normalize("NFD", one.text)) for one in marks if _is_phoneme_of(one, word))
             for word in words
         ]
-        found: list[Mark] = []
+        found: list[SpeechMark] = []
         before, whole = 0, max(sum(counts), 1)
         for word, count in zip(words, counts, strict=True):
             group = spoken[round(before / whole * len(spoken)) : round((before + count) / whole * len(spoken))]
             if group:
-                found.append(Mark("word", group[0].start_s, group[-1].end_s, word.text))
+                found.append(SpeechMark("word", group[0].start_s, group[-1].end_s, word.text))
             before += count
         return found + spoken
 
 
-def _is_phoneme_of(mark: Mark, word: Mark) -> bool:
+def _is_phoneme_of(mark: SpeechMark, word: SpeechMark) -> bool:
     return mark.kind == "phoneme" and word.start_s <= mark.start_s < word.end_s
 
 
@@ -210,10 +211,12 @@ def _clauses(text: str) -> Iterator[str]:
 
 def join(sounds: Sequence[Sound]) -> Sound:
     """Return sounds of one sample rate in a row, with their marks."""
-    marks: list[Mark] = []
+    marks: list[SpeechMark] = []
     before_s = 0.0
     for sound in sounds:
-        marks += (mark._replace(start_s=mark.start_s + before_s, end_s=mark.end_s + before_s) for mark in sound.marks)
+        marks += (
+            SpeechMark(mark.kind, mark.start_s + before_s, mark.end_s + before_s, mark.text) for mark in sound.marks
+        )
         before_s += sound.duration_s
     return Sound(np.concatenate([sound.samples for sound in sounds]), sounds[0].sample_rate, tuple(marks))
 

@@ -18,7 +18,7 @@ from socialbot.core.messages import AudioData, Health, Message, SpeechStatus, St
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Input, Output, Parameter
-from socialbot.speech.messages import SpeechMark, SpeechMarks
+from socialbot.speech.messages import SpeechMarks
 from socialbot.speech.neural import PiperVoice, join, open_voice
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
 from socialbot.speech.synthesis import Sound
@@ -288,8 +288,7 @@ class Speaker(Node):
             samples = part.samples.astype("<i2").tobytes()
             self.sound.publish(AudioData(stamp=now, samples=samples, sample_rate=part.sample_rate))
         if self.publish_marks:
-            marks = tuple(SpeechMark(**mark._asdict()) for mark in part.marks)
-            self.marks.publish(SpeechMarks(stamp=now, utterance_id=utterance.id, marks=marks))
+            self.marks.publish(SpeechMarks(stamp=now, utterance_id=utterance.id, marks=part.marks))
         if self._player is None:
             self.call_after(part.duration_s, partial(on_end, None))
         else:

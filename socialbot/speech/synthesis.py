@@ -17,13 +17,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, NamedTuple
 
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import extra_command
 from socialbot.core.paths import replace_file
+from socialbot.speech.messages import SpeechMark
 
 # From espeak-ng's speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2
@@ -51,22 +51,13 @@ _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
 SOUNDS_KEPT = 16  # size of the cache; espeak-ng leaks about 2 kB per synthesis
 
 
-class Mark(NamedTuple):
-    """Word, or phoneme in IPA, of a sound, from ``start_s`` to ``end_s``; for mouth or LED animation."""
-
-    kind: Literal["word", "phoneme"]
-    start_s: float
-    end_s: float
-    text: str
-
-
 @dataclass(frozen=True, eq=False)
 class Sound:
     """Mono sound: ``samples`` is int16 of shape (n,), ``sample_rate`` in Hz, ``marks`` its words and phonemes."""
 
     samples: np.ndarray
     sample_rate: int
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[SpeechMark, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -151,7 +142,7 @@ class Synthesizer:
 
 def _marks(
     text: str, events: Sequence[tuple[int, int, int, int, bytes]], size: int, sample_rate: int
-) -> Iterator[Mark]:
+) -> Iterator[SpeechMark]:
     """Words and phonemes of events: type, position in the text, length, sample, and phoneme."""
     for kind, wanted in (("word", _WORD_EVENT), ("phoneme", _PHONEME_EVENT)):
         found = [event for event in events if event[0] == wanted]
@@ -159,7 +150,7 @@ def _marks(
         for (_, position, length, sample, symbol), end in zip(found, ends, strict=True):
             shown = text[position - 1 : position - 1 + length] if kind == "word" else symbol.decode("utf-8", "ignore")
             if shown.strip() and end > sample:  # pauses are phonemes without a symbol
-                yield Mark(kind, sample / sample_rate, end / sample_rate, shown)  # type: ignore[arg-type]
+                yield SpeechMark(kind, sample / sample_rate, end / sample_rate, shown)  # type: ignore[arg-type]
 
 
 def phonemes(text: str, voice: str) -> str:
