@@ -239,17 +239,15 @@ class PersonSensor(Sensor):
     def recall(self, engine: Engine) -> None:
         """Restore present and staying people from the beliefs of an earlier run."""
         self._lost_at = engine.clock.now()
-        staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
-        self._engaged = {str(one.belief.args[0]) for one in engine.beliefs if isinstance(one.belief, engages)}
-        self._coming = {str(one.belief.args[0]) for one in engine.beliefs if isinstance(one.belief, comes)}
-        for one in engine.beliefs:
-            if isinstance(one.belief, present):
-                person = str(one.belief.args[0])
-                due = one.since + nanoseconds(self._config.help_after_s)
-                self._there[person] = None if person in staying else due
-                self._changed[person] = self._lost_at
-            elif isinstance(one.belief, gone):
-                self._gone[str(one.belief.args[0])] = one.since
+        since = {
+            kind: {str(one.belief.args[0]): one.since for one in engine.beliefs if isinstance(one.belief, kind)}
+            for kind in (present, stays, engages, comes, gone)
+        }
+        self._engaged, self._coming, self._gone = set(since[engages]), set(since[comes]), since[gone]
+        for person, begin in since[present].items():
+            due = begin + nanoseconds(self._config.help_after_s)
+            self._there[person] = None if person in since[stays] else due
+            self._changed[person] = self._lost_at
         if self._there:
             self._alone = False
         elif personDetected("No") in [one.belief for one in engine.beliefs]:
@@ -287,12 +285,10 @@ class PersonSensor(Sensor):
             why = self._shown(person, self._config.vanish_s)
             if self._there.pop(person) is None:
                 yield (-stays(person)).because(why)
-            if person in self._engaged:
-                self._engaged.remove(person)
-                yield (-engages(person)).because(why)
-            if person in self._coming:
-                self._coming.remove(person)
-                yield (-comes(person)).because(why)
+            for belief, people_of in ((engages, self._engaged), (comes, self._coming)):
+                if person in people_of:
+                    people_of.remove(person)
+                    yield (-belief(person)).because(why)
             if self._conversations.forget(person):
                 yield (-converses(person)).because(why)
             self._changed[person] = self._gone[person] = now
