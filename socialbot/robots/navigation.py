@@ -138,7 +138,7 @@ class MobileAgent(AgentNode):
 
     def on_parameter(self, name: str) -> None:
         if name == "home":
-            self._home = Pose2D(*_numbers(self.home, 3, f"{self.name}.home"))
+            self.home_pose = Pose2D(*_numbers(self.home, 3, f"{self.name}.home"))
         elif name == "area" and self.area:
             low_x, low_y, high_x, high_y = _numbers(self.area, 4, f"{self.name}.area")
             if low_x >= high_x or low_y >= high_y:
@@ -194,10 +194,6 @@ class MobileAgent(AgentNode):
         turn = {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw / 2), "w": math.cos(pose.yaw / 2)}
         place = {"x": float(pose.x), "y": float(pose.y), "z": 0.0}
         return {"pose": {"header": header, "pose": {"position": place, "orientation": turn}}}
-
-    def goal_home(self) -> Mapping[str, Any]:
-        """Return the goal at home. Raises Failed if it is outside of the area."""
-        return self.goal_at(self._home)
 
     def robot_and(self, person: str) -> tuple[Pose2D, PersonSpot]:
         """Return the pose of the robot, and the place of a person. Raises Failed if one of them is not seen."""
@@ -258,4 +254,5 @@ class return_home(_Drive):
     """Drive to the home pose."""
 
     def goal(self) -> Any:
-        return self.engine.robot.goal_home()
+        robot: MobileAgent = self.engine.robot
+        return robot.goal_at(robot.home_pose)
