@@ -24,8 +24,7 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from socialbot.agents.dialogue.language_model import Prompt
-from socialbot.agents.dialogue.proposals import Proposals
-from socialbot.agents.dialogue.proposed_plans import Whitelist
+from socialbot.agents.dialogue.proposals import Proposals, Whitelist
 from socialbot.agents.dialogue.script import Script, load_script
 from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.ward.ward import paper_ward

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     )
     from socialbot.agents.dialogue.intents import UNKNOWN, Grammar, Intent, Reading
     from socialbot.agents.dialogue.language_model import HttpModel, RecordedModel, model_from_environment
-    from socialbot.agents.dialogue.proposals import Proposals, adopt, proposed
-    from socialbot.agents.dialogue.proposed_plans import Whitelist
+    from socialbot.agents.dialogue.proposals import Proposals, Whitelist, adopt, proposed
     from socialbot.agents.dialogue.script import ANY, Question, Script, load_script
 
 __all__ = [

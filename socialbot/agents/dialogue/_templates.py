@@ -82,7 +82,7 @@ def words(text: str, language: str = "") -> list[list[str]]:
         text = _ENGLISH_SHORT.sub(lambda found: _SHORT_FORMS[found[1]], text)
     flat = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
     clauses = (_WORD.findall(clause) for clause in _CLAUSE_END.split(flat))
-    return [[_NUMBERS.get(word, word) for word in clause] for clause in clauses if clause]
+    return [[_NUMBERS.get(word) or word for word in clause] for clause in clauses if clause]
 
 
 def expand(phrase: str, language: str, where: str) -> list[tuple[Part, ...]]:

@@ -24,11 +24,10 @@ from socialbot.core.messages import CameraInfo, CompressedImage, JointTrajectory
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.robots.simulation.figure import figure
-from socialbot.robots.simulation.people import Crowd, Script, read_script
+from socialbot.robots.simulation.people import Crowd, Schedule, Script, read_script
 from socialbot.robots.simulation.place import load_place, place_names
 from socialbot.robots.simulation.posture import pose
 from socialbot.robots.simulation.scene import Scene
-from socialbot.robots.simulation.schedules import Schedule
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, Watcher, truth_frame
 
 _READ_E = 3.0  # Read noise in electrons, as of a small CMOS sensor.

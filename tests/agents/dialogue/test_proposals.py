@@ -10,8 +10,16 @@ from typing import Any
 import pytest
 
 from socialbot.agents.dialogue.language_model import HttpModel, ModelError, Prompt, RecordedModel
-from socialbot.agents.dialogue.proposals import MOST_PLANS, Proposal, Proposals, adopt, proposed
-from socialbot.agents.dialogue.proposed_plans import PlanRefused, Whitelist, checked_plans
+from socialbot.agents.dialogue.proposals import (
+    MOST_PLANS,
+    PlanRefused,
+    Proposal,
+    Proposals,
+    Whitelist,
+    adopt,
+    checked_plans,
+    proposed,
+)
 from socialbot.bdi import Action, Belief, Engine, Goal, Record, variables
 from socialbot.core.errors import RuleError
 from socialbot.core.messages import TraceRecord

@@ -11,10 +11,9 @@ import pytest
 
 from socialbot.core.errors import ParameterError
 from socialbot.robots.simulation.figure import ANKLE_Z, SEGMENTS, Looks, figure, random_looks
-from socialbot.robots.simulation.people import Crowd, Motion, nearest_approach, read_script
+from socialbot.robots.simulation.people import Crowd, Motion, Schedule, nearest_approach, read_script
 from socialbot.robots.simulation.place import load_place, place_names, read_place
 from socialbot.robots.simulation.posture import SEAT_M, Stance, pose
-from socialbot.robots.simulation.schedules import Schedule
 
 SCRIPT = """
 place: foyer
