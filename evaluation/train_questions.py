@@ -23,7 +23,7 @@ import socialbot.runs.asking._ranking as ranking
 from evaluation.questions import QUESTIONS, SEALED, reaches
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
-from socialbot.runs.asking._answers import answered, facts_of
+from socialbot.runs.asking._answers import answered, asked_at_s, facts_of
 from socialbot.runs.asking._readings import candidates
 from socialbot.runs.folder import open_run
 
@@ -75,12 +75,12 @@ def examples(lists: Mapping[str, Mapping[str, Sequence[str]]], runs: Path, names
         if not (folder / "trace.jsonl").exists():
             make(folder)
         run, verifier = open_run(folder), Verifier(folder)
-        facts = facts_of(run)
+        facts, now_s = facts_of(run), asked_at_s(run)
         for part, by_run in lists.items():
             for line in by_run.get(name, ()):
                 text, _, target = line.partition(" -> ")
                 found = candidates(text, facts.subjects)
-                answers = [answered(run, facts, each.question, text) for each in found]
+                answers = [answered(run, facts, each.question, text, now_s) for each in found]
                 cells = [
                     (row, names.setdefault(feature, len(names)), value)
                     for row, features in enumerate(ranking.featured(found, answers, facts.subjects))

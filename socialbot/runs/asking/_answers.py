@@ -96,17 +96,16 @@ def answer(
     if agent and agent not in history.agents:
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
-    facts, now_s = facts_of(run, asked_as), _asked_at_s(run, at_s)
+    facts, now_s = facts_of(run, asked_as), asked_at_s(run, at_s)
 
-    def answered(question: Question) -> Answer:
-        asked = with_time(question, now_s)
-        return _Answering(run, facts, asked, now_s, speaker, agent, spoken=spoken).answer(text)
+    def reply(question: Question) -> Answer:
+        return answered(run, facts, question, text, now_s, speaker=speaker, agent=agent, spoken=spoken)
 
     main = _AND_WHY.sub("", text)  # "Did you greet t2, and why?"
     found = candidates(main, facts.subjects, language)
     if not found:
-        return answered(Question(None, language if language in LANGUAGES else "en"))
-    answers = [answered(each.question) for each in found]
+        return reply(Question(None, language if language in LANGUAGES else "en"))
+    answers = [reply(each.question) for each in found]
     shares = ranked(found, answers, facts.subjects)
     place, probability = shares[0]
     confidence = round(probability, 3)
@@ -115,14 +114,14 @@ def answer(
     best = found[place]
     told = answers[place]
     if probability < SURE or options:
-        told = answered(replace(best.question, kind=None))
+        told = reply(replace(best.question, kind=None))
     if options:
         back = asking_back([each.question for each in options])
         told = msgspec.structs.replace(told, text=back, options=tuple(options))
     elif not told.known and (names := unrecorded(best.found, facts.subjects, text)):
         told = _without_record(told, names[:_MOST_UNRECORDED], text)
     elif main != text and told.clauses[0].claim.kind in ("did", "said"):
-        because = answered(replace(best.question, kind="why"))
+        because = reply(replace(best.question, kind="why"))
         told = _with_reason(told, because) if because.known else told
     return msgspec.structs.replace(told, confidence=confidence)
 
@@ -250,7 +249,22 @@ def _facts(run: RunView, asked_as: str) -> Facts:
     return Facts(Subjects(run.history, run.wording, vocabulary, run.rules, asked_as))
 
 
-def _asked_at_s(run: RunView, at_s: float | None) -> float:
+def answered(
+    run: RunView,
+    facts: Facts,
+    question: Question,
+    text: str,
+    now_s: float,
+    *,
+    speaker: str = "",
+    agent: str = "",
+    spoken: bool = False,
+) -> Answer:
+    """Return the answer to a question as it was understood, asked at ``now_s``."""
+    return _Answering(run, facts, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
+
+
+def asked_at_s(run: RunView, at_s: float | None = None) -> float:
     """Return the time (s) of a question in a run: by default its end."""
     end_s = run.history.seconds(run.end) if len(run.history) else 0.0
     return end_s if at_s is None else min(max(0.0, at_s), end_s)
