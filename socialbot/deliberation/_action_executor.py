@@ -208,6 +208,7 @@ class ActionExecutor:
         self.loop.wake()
 
     def check(self, task: PlanTask) -> None:
+        task.note_seen(self.facts)
         try:
             if task.phase == "acting":
                 self._check_action(task)
@@ -246,7 +247,9 @@ class ActionExecutor:
             missing = unmet(conditions, self._beliefs(task.without_end_effects(facts, facts.domain)))
         overdue = self._overdue(task, missing, self.options.tolerance_s)
         if not missing:
-            task.expected = self._sensed(task.end_changes(self.facts, self.facts.domain))
+            changed = task.end_changes(self.facts, self.facts.domain)
+            unseen = {key: new for key, new in task.expected.items() if key not in changed}
+            task.expected = {**unseen, **self._sensed(changed)}
             task.enter("settling", self.loop.now)
         elif overdue is not None:
             self._fail(task, f"condition does not hold at the end: {overdue}")

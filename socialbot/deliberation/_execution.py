@@ -36,7 +36,7 @@ class PlanTask:
     Attributes:
         before_start, before_end: Events that must happen before the task may start or end.
         since, unmet_since: Times (ns) at which the phase began and a condition stopped holding.
-        expected: Effects that sensors have to report.
+        expected: Effects that sensors have still to report.
         starting_values: What the end effects change and sensors report, with its values after the start.
         started_changes: Effects of its start.
         presumed: Facts that count at its start although sensors do not show them: it goes on from a stopped step.
@@ -96,6 +96,10 @@ class PlanTask:
         """Return the first expected effect that sensors have not reported; None if there is none."""
         unseen = (change_text(key, new) for key, new in self.expected.items() if not self.is_seen(key, new, world))
         return next(unseen, None)
+
+    def note_seen(self, world: PddlWorld) -> None:
+        """Expect no longer what a world shows. Another task or person may change it again before this task ends."""
+        self.expected = {key: new for key, new in self.expected.items() if not self.is_seen(key, new, world)}
 
     def is_seen(self, key: Key, new: bool | float, world: PddlWorld) -> bool:
         """Return whether a world shows an effect; numbers may be beyond it, as other tasks change them too."""

@@ -240,6 +240,25 @@ def test_a_fact_may_be_seen_to_end_before_or_after_the_action_that_needs_it_ends
     assert stage.holds("in b1 home")
 
 
+@pytest.mark.parametrize(
+    ("seen", "ends"),
+    [
+        ("load r1 = 1", ("succeeded", "")),
+        ("load r1 = 0", ("failed", "(pick r1 b1 home): effect not seen: (load r1) = 1")),
+    ],
+)
+def test_a_step_ends_after_its_effects_at_the_start_are_seen(seen, ends):
+    stage = Stage(watched={"load"})
+    stage.behaviour["(pick r1 b1 home)"] = Behaviour(lasts_s=0.5)
+    stage.execute("0: (pick r1 b1 home) [3]\n3.01: (put r1 b1 home) [3]", wanted="in b1 home")
+    stage.until(1)
+    assert "(put r1 b1 home)" not in stage.begun()
+    stage.believe(seen)
+    stage.until(1.5)
+    stage.believe("load r1 = 0")
+    assert stage.until(20) == [ends]
+
+
 def test_a_number_that_does_not_change_fails_the_step():
     stage = Stage(watched={"paint"})
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]", wanted="painted b1")
