@@ -120,14 +120,17 @@ def is_alive(pid: int) -> bool:
 
 
 def next_line(process: subprocess.Popen[Any]) -> str:
-    """Return the next line that a process prints; empty if none comes in time."""
-    lines: list[Any] = []
-    assert process.stdout is not None
-    reader = Thread(target=lambda pipe: lines.append(pipe.readline()), args=(process.stdout,), daemon=True)
+    """Return the next line that a process prints, without those of Fast DDS; empty if none comes in time."""
+    lines: list[str] = []
+
+    def read(pipe: Any) -> None:
+        texts = (line.decode() if isinstance(line, bytes) else line for line in iter(pipe.readline, pipe.read(0)))
+        lines.append(next((text for text in texts if "RTPS_" not in text), ""))
+
+    reader = Thread(target=read, args=(process.stdout,), daemon=True)
     reader.start()
     reader.join(PATIENCE_S)
-    line = lines[0] if lines else ""
-    return line.decode() if isinstance(line, bytes) else line
+    return lines[0] if lines else ""
 
 
 def cut(bag: Path, out: Path, begin_s: float, end_s: float, *, every: int = 1) -> Path:
