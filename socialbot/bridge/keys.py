@@ -248,7 +248,7 @@ def _refuse_writers(path: Path, what: str) -> None:
         real = Path(os.path.realpath(path, strict=True))
         for place in (real, *real.parents):
             found = place.stat()
-            if found.st_mode & stat.S_ISVTX and place != real:  # as in /tmp, they cannot replace what is in it
+            if found.st_mode & stat.S_ISVTX and place != real:  # as in /tmp: only its owner can replace a file
                 continue
             if found.st_mode & 0o002 or (found.st_mode & 0o020 and not _is_private(found.st_gid, found.st_uid)):
                 raise SecurityError(what, where=str(place), remedy=f"chmod go-w {place}")

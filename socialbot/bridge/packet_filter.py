@@ -1,9 +1,11 @@
 """Filter in the kernel for RTPS packets to the lists of nodes, which DDS itself reads (``ros_discovery_info``).
 
-Fast DDS 2.14 can free a message that stays in the queue of a reliable subscription, if a GAP comes when only parts of
-it have come. Reading it never ends, and blocks discovery. Nobody can make the subscription to the lists of nodes read
-bytes instead, as `socialbot.bridge.wait_sets` does. It has UDP ports of its own, and needs no GAP: each process keeps
-only its last list, and its heartbeats tell that the others are gone. So packets with a GAP are dropped at these ports.
+Fast DDS 2.14 can free a message that stays in the queue of a reliable subscription: a GAP about a message of which only
+parts have come does that. Reading it never ends, and blocks discovery. `socialbot.bridge.wait_sets` reads other
+messages as bytes, but the middleware itself reads the lists of nodes.
+
+These lists come to UDP ports of their own, where packets with a GAP are dropped. They are not needed there: a process
+keeps only its last list, and its heartbeats tell that earlier ones are gone.
 """
 
 from __future__ import annotations

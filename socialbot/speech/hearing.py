@@ -75,7 +75,7 @@ _FACING_RAD = 0.6
 
 
 class SpeakerFinder:
-    """Finds the person who speaks by the direction of the sound, or else by who is in view and faces the robot."""
+    """Finds who speaks by the direction of the sound, else takes the person in view who faces the robot."""
 
     def __init__(self) -> None:
         self._seen: PersonDetections | None = None

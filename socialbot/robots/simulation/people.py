@@ -379,7 +379,7 @@ def nearest_approach(one: Motion, other: Motion) -> float:
     return float(gaps.min())
 
 
-_APART_M = 0.5  # Least distance of two people, who are drawn anew otherwise.
+_APART_M = 0.5  # Least distance between two people; nearer ones are drawn again.
 _TRIES, _GIVE_UP = 40, 5
 NAMES: tuple[str, ...] = (
     "ada", "ben", "cleo", "dan", "eva", "finn", "gina", "hugo", "ida", "jon", "kim", "leo", "mia", "nils", "ona",

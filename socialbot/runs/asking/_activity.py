@@ -1,4 +1,4 @@
-"""Answers about activity and plans: what was said, done at a time and intended, steps of plans and how they ended."""
+"""Answers about what the robot said, did and intended, and about the steps of plans and how they ended."""
 
 from __future__ import annotations
 

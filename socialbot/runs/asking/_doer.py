@@ -203,7 +203,7 @@ PARTICLES = {"up", "down", "off", "out", "over", "away", "back", "in", "on", "th
 def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
     """Return the place of the verb behind the first auxiliary and its subject in an English question; None without one.
 
-    ``subjects`` are the places of names. A verb such as *give* does not count, as its object says what is done.
+    ``subjects`` are the positions of names. A verb such as *give* does not count: its object says what is done.
     """
     if reading.language.code != "en":
         return None
