@@ -53,9 +53,9 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	$(INSTALL) --no-deps --no-build-isolation -e .
 	@touch $@
 
-tools: $(VENV)/tools
+tools: $(VENV)/tools-installed
 
-$(VENV)/tools: $(VENV)/installed requirements-dev.lock
+$(VENV)/tools-installed: $(VENV)/installed requirements-dev.lock
 	$(INSTALL) --require-hashes -r requirements-dev.lock
 	@touch $@
 
