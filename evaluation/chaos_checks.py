@@ -16,8 +16,9 @@ import psutil
 
 from evaluation.faults_deaths import GREETING, SPEECH
 from evaluation.faults_plan import GUARD, children, descendants, process_name
-from socialbot.bridge.environment import PROFILE_VARIABLE, give_up, stale_locks
+from socialbot.bridge.environment import PROFILE_VARIABLE, give_up
 from socialbot.bridge.graph_observer import SpinWatch, observe_graph
+from socialbot.bridge.shared_memory import stale_locks
 from socialbot.core.bounded_log import parts
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message, SpeechStatus, TraceRecord, Utterance

@@ -19,7 +19,8 @@ from evaluation.chaos import VIOLATION_EXIT, _end
 from evaluation.chaos_checks import Check, FairClock, Subject, orphans, waited_s
 from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_plan import busy_processes
-from socialbot.bridge.environment import own_domain, stale_locks
+from socialbot.bridge.environment import own_domain
+from socialbot.bridge.shared_memory import stale_locks
 from socialbot.core.errors import ParameterError
 from tests.system.running import eventually, next_line
 

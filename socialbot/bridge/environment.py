@@ -1,4 +1,4 @@
-"""ROS environment: DDS profile, discovery range, logs, keys, rclpy contexts and stale shared memory."""
+"""ROS environment: DDS profile, discovery range, logs, keys and rclpy contexts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ from socialbot.core.errors import GraphError, InstallationError, NodeError, Para
 from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.paths import read_text, replace_file
 from socialbot.core.process import skip_cleanup
-from socialbot.core.reading import open_file
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -467,50 +466,3 @@ def split_ros_args(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
         inside = bool(ros) and ros[-1] != "--"
         (ros if inside or argument == "--ros-args" else ours).append(argument)
     return ours, ros
-
-
-SHARED = Path("/dev/shm")
-
-YOUNG_S = 3.0  # minimum age (s) of a stale segment; a younger one may not be locked yet
-_LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
-"""Locks of segments only. Testing the lock of a port could make a new process refuse it, and receive no images."""
-
-
-def stale_locks(folder: Path = SHARED) -> Iterator[Path]:
-    """Yield the lock files of unused segments in ``folder``."""
-    now = _file_time(folder)
-    for path in sorted(folder.glob("fastrtps_*_el")):
-        with contextlib.suppress(OSError):  # deleted meanwhile, or owned by another user
-            # A file from the future is from before the clock was set back.
-            if _LOCK.fullmatch(path.name) and abs(now - path.stat().st_mtime) > YOUNG_S and is_free(path):
-                yield path
-
-
-def _file_time(folder: Path) -> float:
-    """Modification time (s) that a file written now in ``folder`` has."""
-    try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            return os.fstat(file.fileno()).st_mtime
-    except OSError:
-        return time.time()
-
-
-def is_free(path: Path) -> bool:
-    """Whether no process holds the lock file ``path``. The test holds it for a moment."""
-    try:
-        with open_file(path) as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
-def remove_stale(folder: Path = SHARED) -> int:
-    """Remove the shared-memory segments of ended processes, and return their number."""
-    removed = 0
-    for lock in stale_locks(folder):
-        with contextlib.suppress(OSError):
-            lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-            lock.unlink()
-            removed += 1
-    return removed

@@ -24,7 +24,8 @@ from xml.etree import ElementTree
 
 from socialbot.bridge import environment
 from socialbot.bridge.driver_domain import driver_domain
-from socialbot.bridge.environment import KEYS_VARIABLE, WHEELS, has_keys, spinning_node, stale_locks, wait_for
+from socialbot.bridge.environment import KEYS_VARIABLE, WHEELS, has_keys, spinning_node, wait_for
+from socialbot.bridge.shared_memory import stale_locks
 from socialbot.bridge.transport import message_class, open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 from socialbot.core.installation import installed_version, pip_command

@@ -15,8 +15,8 @@ from typing import Any
 
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, status_of
-from socialbot.bridge.environment import remove_stale
 from socialbot.bridge.process import Report, SupervisorChannel, channel_pair
+from socialbot.bridge.shared_memory import LOST_PORT, PortWatch, remove_stale
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import DeviceError, InstallationError, NodeError
 from socialbot.core.process_guard import report_alive
@@ -197,8 +197,9 @@ class Member:
     lost: dict[str, Mapping[str, int]] = field(default_factory=dict)
     """How many publishers each of its nodes has lost, by topic."""
     renewal: str = ""
-    """Topic for which it is started again with a new DDS participant."""
+    """What it does not receive, so that it is started again with a new DDS participant."""
     renewals: RenewalBackoff = field(default_factory=RenewalBackoff)
+    ports: PortWatch | None = None
     started: float = 0.0
     due: float | None = None
     last_error: str = ""
@@ -212,6 +213,11 @@ class Member:
         if self.due is not None:
             return "waiting"
         return "given up" if self.is_given_up else "ended"
+
+    @property
+    def has_lost_port(self) -> bool:
+        """Whether it runs, and others do not reach it in shared memory."""
+        return self.ports is not None and self.ports.is_lost(max(self.reported_at.values()))
 
 
 class Supervisor:
@@ -302,6 +308,7 @@ class Supervisor:
                     member.process.kill()
                 elif not member.renewal:
                     lost = next(filter(None, map(self.running.lost, member.lost.values())), "")
+                    lost = LOST_PORT if member.has_lost_port else lost
                     if member.renewals.is_due(is_lost=bool(lost)):
                         member.renewal = lost
                         member.process.send_signal(signal.SIGINT)
@@ -367,6 +374,7 @@ class Supervisor:
         now = time.monotonic()
         member.channel, member.due, member.hung, member.renewal = channel, None, "", ""
         member.started = now
+        member.ports = PortWatch(member.process.pid)
         member.renewals.started()
         member.lost.clear()
         member.states.clear()

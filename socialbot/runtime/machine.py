@@ -17,6 +17,7 @@ from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in, unconnecte
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
 from socialbot.bridge.graph_observer import LostWatch, SpinWatch, expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
+from socialbot.bridge.shared_memory import LOST_PORT, PortWatch
 from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
@@ -131,6 +132,7 @@ class _NodesUp:
             else:
                 ends.push(self.supervisor)
             spin, lost = SpinWatch(observer.ros), LostWatch(observer, graph)
+            ports = PortWatch(os.getpid())
             self._renewals.started()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
@@ -141,7 +143,7 @@ class _NodesUp:
                     give_up(observer.ros)
                     ends.pop_all()
                     return "DDS does not answer this process"
-                topic = self.supervisor.running.lost(lost.lost)
+                topic = LOST_PORT if ports.is_lost(time.monotonic()) else self.supervisor.running.lost(lost.lost)
                 if self._renewals.is_due(is_lost=bool(topic)):
                     ends.pop_all()
                     return f"this process does not receive {topic} any more"

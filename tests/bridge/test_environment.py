@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import socket
 import stat
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
 from socialbot.bridge import environment
-from socialbot.bridge import environment as stale_memory
 from socialbot.bridge.environment import (
     FREE_DOMAINS,
-    YOUNG_S,
     Across,
     free_domain,
     own_domain,
     prepare,
-    remove_stale,
     split_ros_args,
-    stale_locks,
 )
 from socialbot.bridge.ros_checks import segment_size
 from socialbot.core.errors import GraphError, InstallationError, NodeError
@@ -321,77 +314,6 @@ def test_invalid_ros_arguments_are_one_error(tmp_path: Path):
     assert done.returncode == 4
     assert "error: --ros-args: ROS rejects the arguments" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-DEAD, ALIVE, YOUNG = "0123456789abcdef", "fedcba9876543210", "00000000deadbeef"
-
-
-def segment(folder: Path, name: str, age_s: float = YOUNG_S + 60) -> Path:
-    (folder / f"fastrtps_{name}").write_bytes(bytes(5000))
-    lock = folder / f"fastrtps_{name}_el"
-    lock.touch()
-    then = time.time() - age_s
-    os.utime(lock, (then, then))
-    return lock
-
-
-def test_removes_only_stale_segments(tmp_path: Path) -> None:
-    segment(tmp_path, DEAD)
-    segment(tmp_path, YOUNG, age_s=0.0)
-    port = segment(tmp_path, "port7411")
-    notes = tmp_path / "notes_el"
-    notes.touch()
-    with segment(tmp_path, ALIVE).open("rb") as alive:
-        fcntl.flock(alive, fcntl.LOCK_EX)
-        assert remove_stale(tmp_path) == 1
-        assert remove_stale(tmp_path) == 0
-    assert port.exists()
-    assert notes.exists()
-    assert {path.name for path in tmp_path.glob("fastrtps_*")} == {
-        f"fastrtps_{name}{end}" for name in (YOUNG, ALIVE, "port7411") for end in ("", "_el")
-    }
-
-
-def test_removes_stale_segments_of_before_the_clock_was_set_back(tmp_path: Path) -> None:
-    segment(tmp_path, DEAD, age_s=-3600.0)
-    segment(tmp_path, YOUNG, age_s=0.0)
-    assert remove_stale(tmp_path) == 1
-    assert {path.name for path in tmp_path.iterdir()} == {f"fastrtps_{YOUNG}", f"fastrtps_{YOUNG}_el"}
-
-
-@pytest.mark.parametrize("offset_s", [-86400.0, 86400.0])
-def test_age_of_a_segment_is_told_by_the_clock_of_its_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, offset_s: float
-) -> None:
-    segment(tmp_path, DEAD)
-    segment(tmp_path, YOUNG, age_s=0.0)
-    now = time.time()
-    monkeypatch.setattr(stale_memory.time, "time", lambda: now + offset_s)
-    assert [lock.name for lock in stale_locks(tmp_path)] == [f"fastrtps_{DEAD}_el"]
-
-
-def test_removes_a_lock_without_a_segment(tmp_path: Path) -> None:
-    segment(tmp_path, DEAD)
-    (tmp_path / f"fastrtps_{DEAD}").unlink()
-    assert remove_stale(tmp_path) == 1
-    assert list(stale_locks(tmp_path)) == []
-
-
-def test_nothing_is_stale_without_shared_memory(tmp_path: Path) -> None:
-    assert remove_stale(tmp_path / "none") == 0
-
-
-@pytest.mark.parametrize("look", [remove_stale, lambda folder: list(stale_locks(folder))])
-def test_does_not_test_young_locks_and_ports(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: Callable[[Path], object]
-) -> None:
-    tried: list[str] = []
-    monkeypatch.setattr(stale_memory, "is_free", lambda path: bool(tried.append(path.name)))
-    for name in ("port7400", "port7411", DEAD):
-        segment(tmp_path, name)
-    segment(tmp_path, YOUNG, age_s=0.0)
-    look(tmp_path)
-    assert tried == [f"fastrtps_{DEAD}_el"]
 
 
 def test_run_has_an_unused_domain_of_its_own():

@@ -11,13 +11,16 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partialmethod
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import pytest
 
+from socialbot.bridge import shared_memory
 from socialbot.bridge.process import CHANNEL_VARIABLE
+from socialbot.bridge.shared_memory import PortWatch
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.runtime import _lost_publishers, _processes
@@ -140,6 +143,33 @@ while True:
         assert attended(supervisor, lambda: not two.lost.get("two", True) and two.state == "active")
     expected = "two does not receive /health any more; started again with a new DDS participant (no. 1)"
     assert caplog.records[0].getMessage() == expected
+
+
+def test_a_process_whose_port_in_shared_memory_is_lost_is_started_again(
+    scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_lost_publishers, "RENEWAL_PAUSE_S", 0.2)
+    monkeypatch.setattr(shared_memory, "CHECK_S", 0.1)
+    monkeypatch.setattr(shared_memory, "SCAN_S", 0.2)
+    monkeypatch.setattr(PortWatch, "__init__", partialmethod(PortWatch.__init__, folder=tmp_path))
+    port = tmp_path / "fastrtps_port7411"
+    scripts["two"] = f"""
+import mmap
+lock = open("{port}_el", "w")
+file = open("{port}", "w+b")
+file.truncate(5000)
+memory = mmap.mmap(file.fileno(), 0)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == two.state == "active")
+        assert attended(supervisor, lambda: bool(two.ports and two.ports.ports))
+        port.unlink()
+        assert attended(supervisor, lambda: two.restarts == 1 and two.state == "active")
+        assert attended(supervisor, lambda: bool(two.ports and two.ports.ports))
+        assert two.last_error == "does not receive messages in shared memory any more"
+        assert not attended(supervisor, lambda: two.restarts > 1, timeout_s=1.0)
+        assert (one.restarts, two.is_given_up) == (0, False)
 
 
 def test_a_documented_error_ends_only_a_first_start(scripts: dict[str, str], tmp_path: Path) -> None:
