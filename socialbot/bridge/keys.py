@@ -13,7 +13,7 @@ import re
 import stat
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -246,7 +246,7 @@ def _refuse_writers(path: Path, what: str) -> None:
     """Raise SecurityError if a group or others can change a file or folder, or put another one in its place."""
     try:
         real = Path(os.path.realpath(path, strict=True))
-        for place in (real, *real.parents):
+        for place in (real, *_folders(path)):
             found = place.stat()
             if found.st_mode & stat.S_ISVTX and place != real:  # as in /tmp: only its owner can replace a file
                 continue
@@ -254,6 +254,21 @@ def _refuse_writers(path: Path, what: str) -> None:
                 raise SecurityError(what, where=str(place), remedy=f"chmod go-w {place}")
     except OSError as error:
         raise _unreadable(path, error) from error
+
+
+def _folders(path: Path) -> Iterator[Path]:
+    """Yield the folders in which a part of ``path`` is looked up, also the parts of links on the way."""
+    place, left = Path("/"), [*reversed(path.absolute().parts)]
+    while left:
+        name = left.pop()
+        if name == "..":
+            place = place.parent
+            continue
+        yield place
+        if os.path.islink(place / name):
+            left += reversed(Path(os.readlink(place / name)).parts)
+        else:
+            place /= name
 
 
 def _is_private(group: int, owner: int) -> bool:

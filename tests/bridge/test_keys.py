@@ -191,6 +191,24 @@ def test_keys_that_a_group_or_others_can_change_or_replace_are_refused(
             load_keys(folder, "robot")
 
 
+@pytest.mark.parametrize("path", ["shared/keys", "link", "relative", "parent/keys"])
+def test_keys_behind_a_link_that_others_can_replace_are_refused(path: str, tmp_path: Path) -> None:
+    """Otherwise another user puts a folder of theirs in its place, whose keys count from then on."""
+    new_key("robot", tmp_path / "own" / "keys")
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    (shared / "keys").symlink_to(tmp_path / "own" / "keys")
+    (shared / "own").symlink_to("../own")
+    (tmp_path / "link").symlink_to(shared / "keys")
+    (tmp_path / "relative").symlink_to("shared/../shared/keys")
+    (tmp_path / "parent").symlink_to("shared/own")
+    with pytest.raises(SecurityError, match=rf"other users can .*\n *remedy: chmod go-w {shared}"):
+        load_keys(tmp_path / path, "robot")
+    shared.chmod(0o755)
+    assert load_keys(tmp_path / path, "robot").name == "robot"
+
+
 @pytest.mark.usefixtures("groups")
 def test_keys_below_a_sticky_folder_are_trusted(tmp_path: Path) -> None:
     """Such as /tmp."""
