@@ -20,6 +20,8 @@ from socialbot.bridge.stream_watch import LOST_S, MAX_STREAMS, StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
     from socialbot.bridge.message_tags import Tag
     from socialbot.bridge.security import Opener
 
@@ -126,12 +128,13 @@ class _Message:
 
 @dataclass(frozen=True)
 class _WaitingSeal:
-    """Seal of the ``number``th message of a ``stream``, by its digest or a tag, valid until ``end`` (s)."""
+    """Seal of the ``number``th message of a ``stream`` with a key, by its digest or a tag, valid until ``end`` (s)."""
 
     end: float
     proof: str | Tag
     stream: StreamKey
     number: int
+    signer: Ed25519PublicKey | None
 
     def fits(self, message: _Message) -> bool:
         """Whether this is the seal of ``message``."""
@@ -170,7 +173,7 @@ class SealMatcher:
         self.expire()
         message = _Message(cdr, info, self.clock())
         for seal in self._seals:
-            if seal.fits(message):
+            if seal.fits(message) and self.opener.trusts(seal.stream[0], seal.signer):
                 self._deliver(seal, message)
                 return
         if self.watch.is_copy and (
@@ -193,7 +196,8 @@ class SealMatcher:
         except MessageError as error:
             self.refuse(error)
             return
-        seal = _WaitingSeal(self.clock() + self.opener.left_s, proof, self.opener.stream, self.opener.number)
+        opener = self.opener
+        seal = _WaitingSeal(self.clock() + opener.left_s, proof, opener.stream, opener.number, opener.signer)
         for place, message in enumerate(self._waiting):
             if seal.fits(message):
                 del self._waiting[place]

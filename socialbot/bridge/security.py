@@ -210,6 +210,7 @@ class Opener:
         stream: Sender and stream of the last valid message.
         number: Its number in the stream.
         time: The time (ns) of its seal.
+        signer: The key of its seal; None before the first message.
     """
 
     keys: Keys | KeyRing
@@ -220,10 +221,11 @@ class Opener:
     stream: StreamKey = field(default=("", ""), init=False)
     number: int = field(default=0, init=False)
     time: int = field(default=0, init=False)
+    signer: Ed25519PublicKey | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._tags = TagKeys(self.realm, self.topic)
-        self._keys, self._signer = self.keys.latest(), None
+        self._keys = self.keys.latest()
 
     @property
     def left_s(self) -> float:
@@ -255,6 +257,10 @@ class Opener:
             return sealed.payload if verdict == "new" and not is_beacon else None
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 
+    def trusts(self, sender: str, signer: Ed25519PublicKey | None) -> bool:
+        """Whether a key still belongs to ``sender``, a while after it has sealed a message."""
+        return signer in self.keys.latest().of(sender)
+
     def tag(self, payload: str) -> Tag:
         """Return the tag for this machine in the ``payload`` of the last valid message.
 
@@ -262,7 +268,7 @@ class Opener:
             SealError: It has none.
         """
         sender, stream = self.stream
-        tag = self._tags.read(payload, self._keys, self._signer, stream, self.number) if self._signer else None
+        tag = self._tags.read(payload, self._keys, self.signer, stream, self.number) if self.signer else None
         if tag is None:
             raise SealError("unsealed", f"{sender!r} has sealed it for other machines only: copy our .pub to it")
         return tag
@@ -272,8 +278,8 @@ class Opener:
         keys = self._keys.of(sealed.sender)
         if not keys:
             raise SealError("unknown sender", repr(sealed.sender[:LONGEST_SHOWN]))
-        self._signer = next((key for key in keys if _is_signed_by(key, sealed, self.realm)), None)
-        if self._signer is None:
+        self.signer = next((key for key in keys if _is_signed_by(key, sealed, self.realm)), None)
+        if self.signer is None:
             raise SealError("forged", f"the seal is not {sealed.sender!r}'s, or it was altered")
         if sealed.topic != self.topic:
             raise SealError("moved", f"from {sealed.sender!r}, sealed for {sealed.topic}")

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from socialbot.bridge.detached_seals import SealMatcher
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.keys import (
     RELOAD_PERIOD_S,
@@ -25,6 +26,7 @@ from socialbot.bridge.keys import (
     load_keys,
     new_key,
 )
+from socialbot.bridge.message_tags import LEAST_BYTES
 from socialbot.bridge.security import Seal, SealError, Stream
 from socialbot.bridge.topics import observer_node
 from socialbot.bridge.transport import open_transport
@@ -86,6 +88,24 @@ def test_a_removed_key_is_refused_after_the_reload_period(machines: tuple[Machin
     desk.copy_to(robot, "desk.pub")
     robot.wait()
     assert reason(desk, robot) == ""
+
+
+@pytest.mark.parametrize("size", [4, LEAST_BYTES])
+def test_a_message_whose_seal_came_before_the_key_was_removed_is_refused(
+    machines: tuple[Machine, Machine], size: int
+) -> None:
+    """A stolen key could seal messages for the whole time window in advance."""
+    robot, desk = machines
+    taken: list[bytes] = []
+    matcher = SealMatcher(robot.opener, lambda cdr, _: taken.append(cdr), pytest.fail)
+    first, second = bytes(size), b"\1" * size
+    for cdr in (first, second):
+        matcher.take_seal(desk.stream.seal_detached(cdr)[1])
+    matcher.take_message(first)
+    (robot.folder / "desk.pub").unlink()
+    robot.wait()
+    matcher.take_message(second)
+    assert taken == [first]
 
 
 def test_a_replaced_key_makes_the_old_one_forged(machines: tuple[Machine, Machine], tmp_path: Path) -> None:
