@@ -75,6 +75,13 @@ def endless_gap(chance: random.Random, known: bytes) -> bytes:
     return HEADER + known[:12] + submessage(GAP, content)
 
 
+def distant_gap(chance: random.Random, known: bytes) -> bytes:
+    """A gap in the name of a publisher, far behind its last message: Fast DDS 2.14 stores each number of it."""
+    begin = chance.randrange(2**20, 2**24)
+    content = bytes(4) + known[12:16] + struct.pack("<iIiII", 0, begin, 1, 0, 0)
+    return HEADER + known[:12] + submessage(GAP, content)
+
+
 def freed(known: bytes, number: int) -> bytes:
     """The first part of message ``number`` in the name of a publisher, and a gap up to it.
 
@@ -194,6 +201,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "freed_messages": freed_messages,
     "samples": samples,
     "endless_gap": endless_gap,
+    "distant_gap": distant_gap,
     "participants": participants,
     "acknacks": acknacks,
     "removed_publishers": removed_publishers,

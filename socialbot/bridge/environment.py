@@ -28,7 +28,7 @@ import msgspec
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.paths import read_text, replace_file
-from socialbot.core.process import skip_cleanup
+from socialbot.core.process import halt_thread, skip_cleanup
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -423,6 +423,8 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
 BLOCKED_S = 10.0
 """Time (s) after which an executor that does not end is blocked by DDS."""
 _is_blocked = False
+BUSY_LOOKS = 5
+"""Number of looks at which a thread runs that does nothing else; others may hold locks of other processes."""
 _threads_of: WeakKeyDictionary[Node, frozenset[int]] = WeakKeyDictionary()
 """Threads that were started with a node, mainly those of DDS."""
 
@@ -432,11 +434,25 @@ def _threads() -> frozenset[int]:
 
 
 def give_up(node: Node) -> None:
-    """Let the block of a `spinning_node` end without waiting for DDS, whose busy threads get only idle processors."""
-    for thread in _threads_of.pop(node):
+    """Let the block of a `spinning_node` end without waiting for DDS, and stop those of its threads that are busy.
+
+    They would keep processors busy and take memory without end.
+    """
+    threads = _threads_of.pop(node)
+    for thread in frozenset.intersection(*(_running(threads) for _ in range(BUSY_LOOKS))):
+        with contextlib.suppress(OSError):  # it has ended
+            halt_thread(thread)
+
+
+def _running(threads: frozenset[int]) -> frozenset[int]:
+    """Those of ``threads`` that run or wait for a processor, a moment later."""
+    time.sleep(POLL_S)
+    found: set[int] = set()
+    for thread in threads:
         with contextlib.suppress(OSError):  # it has ended
             if Path(f"/proc/self/task/{thread}/stat").read_text("utf-8").rpartition(")")[2].split()[0] == "R":
-                os.sched_setscheduler(thread, os.SCHED_IDLE, os.sched_param(0))
+                found.add(thread)
+    return frozenset(found)
 
 
 def _note_blocked(node: str) -> None:

@@ -50,6 +50,32 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
+class _Action(ctypes.Structure):
+    """What glibc does at a signal: `struct sigaction`."""
+
+    _fields_ = (
+        ("handler", ctypes.c_void_p),
+        ("blocked", ctypes.c_ulong * (128 // ctypes.sizeof(ctypes.c_ulong))),
+        ("flags", ctypes.c_int),
+        ("restorer", ctypes.c_void_p),
+    )
+
+
+def halt_thread(thread: int) -> None:
+    """Stop a thread of this process for good, by its native id. It keeps its locks, so nobody may need them.
+
+    Raises:
+        OSError: There is no such thread.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    action = _Action(handler=ctypes.cast(libc.pause, ctypes.c_void_p).value)  # with all signals blocked: for ever
+    libc.sigfillset(ctypes.byref(action, _Action.blocked.offset))
+    libc.sigaction(signal.SIGRTMAX, ctypes.byref(action), None)
+    if libc.tgkill(os.getpid(), thread, signal.SIGRTMAX):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
 def skip_cleanup() -> None:
     """Let `run_to_exit` end the process at once, since the cleanup of a library would not return."""
     global _skips_cleanup

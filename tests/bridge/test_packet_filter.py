@@ -56,6 +56,41 @@ with ros_context() as one, ros_context() as two:
     assert eventually(lambda: "third" in reader.get_node_names())
 """
 
+GROWTH = """
+import os, random, socket, time
+from pathlib import Path
+from rclpy.node import Node
+from std_msgs.msg import String
+from evaluation.rtps_attack import distant_gap, ports
+from socialbot.bridge.environment import give_up, ros_context, spinning_node
+from tests.system.running import eventually
+heard, sizes = [], []
+def memory_mb():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+with spinning_node("reader") as reader, ros_context() as context:
+    writer = Node("writer", context=context, enable_rosout=False, start_parameter_services=False)
+    publisher = writer.create_publisher(String, "/said", 10)
+    reader.create_subscription(String, "/said", heard.append, 10)
+    def hears():
+        publisher.publish(String(data="word"))
+        return heard
+    assert eventually(hears)
+    known = bytes(reader.get_publishers_info_by_topic("/said")[0].endpoint_gid)
+    before = memory_mb()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for port in ports(int(os.environ["ROS_DOMAIN_ID"])):
+            sender.sendto(distant_gap(random.Random(1), known), ("127.0.0.1", port))
+    assert eventually(lambda: memory_mb() > before + 50), "one packet takes memory without end"
+    give_up(reader)
+    for thread in os.listdir("/proc/self/task"):  # as if processors were idle
+        os.sched_setscheduler(int(thread), os.SCHED_OTHER, os.sched_param(0))
+    for _ in range(4):
+        sizes.append(memory_mb())
+        time.sleep(0.5)
+    print(sizes, flush=True)
+    os._exit(sizes[-1] - sizes[0] > 5)  # DDS would not end
+"""
+
 
 @contextmanager
 def receiving() -> Iterator[tuple[socket.socket, socket.socket]]:
@@ -120,4 +155,11 @@ def test_packets_that_may_have_a_gap_are_dropped(packet: bytes):
 def test_lists_of_nodes_that_dds_has_freed_stop_nothing():
     """Else rclpy never returns, with Python's lock held: so this is a process."""
     program = subprocess.run([sys.executable, "-c", ENDLESS_READS], timeout=PATIENCE_S, check=False)
+    assert program.returncode == 0
+
+
+@pytest.mark.ros
+def test_a_given_up_node_takes_no_more_memory():
+    """Its DDS stores the numbers of a false packet one by one; the process goes on with another participant."""
+    program = subprocess.run([sys.executable, "-c", GROWTH], timeout=PATIENCE_S, check=False)
     assert program.returncode == 0

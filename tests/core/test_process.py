@@ -186,3 +186,26 @@ def test_processes_import_nothing_from_the_working_directory(program: str, tmp_p
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
     assert (ended.returncode, ended.stdout) == (0, "0\n"), ended.stderr
+
+
+HALTED = """
+import hashlib, os, threading, time
+from pathlib import Path
+from socialbot.core.process import halt_thread
+work = threading.Thread(target=hashlib.pbkdf2_hmac, args=("sha256", b"", b"", 2**31 - 1), daemon=True)
+work.start()
+def used_ns():
+    return int(Path(f"/proc/self/task/{work.native_id}/schedstat").read_text().split()[0])
+while used_ns() < 1e8:
+    time.sleep(0.01)
+halt_thread(work.native_id)
+time.sleep(0.1)
+before = used_ns()
+time.sleep(0.5)
+os._exit(used_ns() != before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it is a system call of Linux")
+def test_a_thread_of_a_library_is_halted_for_good():
+    assert subprocess.run([sys.executable, "-c", HALTED], timeout=60, check=False).returncode == 0
