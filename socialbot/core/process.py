@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import ctypes
 import logging
 import os
@@ -48,6 +49,17 @@ def _ignore_signals() -> None:
     # Python restores its default handlers before module cleanup, which is slow on a busy machine.
     for number in ENDING_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+FIRST_VICTIM = 500
+"""Bias of the Linux kernel, from -1000 to 1000, as it chooses a process to kill because memory has run out."""
+
+
+def kill_before_others(pid: int) -> None:
+    """Let the kernel kill process ``pid`` before this one if memory runs out. Elsewhere than on Linux, do nothing."""
+    setting = Path(f"/proc/{pid}/oom_score_adj")
+    with contextlib.suppress(OSError):  # it has ended
+        setting.write_text(str(max(FIRST_VICTIM, int(setting.read_text()))))
 
 
 class _Action(ctypes.Structure):

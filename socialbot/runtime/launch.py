@@ -19,6 +19,7 @@ from socialbot.bridge.process import Report, SupervisorChannel, channel_pair
 from socialbot.bridge.shared_memory import LOST_PORT, PortWatch, remove_stale
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import DeviceError, InstallationError, NodeError
+from socialbot.core.process import kill_before_others
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.graph.status import ACTIVE
@@ -371,6 +372,7 @@ class Supervisor:
                 },
                 channel=theirs.fileno(),
             )
+        kill_before_others(member.process.pid)
         now = time.monotonic()
         member.channel, member.due, member.hung, member.renewal = channel, None, "", ""
         member.started = now

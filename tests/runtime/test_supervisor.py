@@ -267,6 +267,23 @@ if int(os.environ["{RESTARTS_VARIABLE}"]) <= {2 * POLICY.times}:
         assert attended(supervisor, lambda: one.restarts > 2 * POLICY.times and one.state == "active")
 
 
+@pytest.mark.skipif(not Path("/proc/self/oom_score_adj").exists(), reason="it is a setting of Linux")
+def test_the_kernel_kills_a_process_before_its_supervisor(scripts: dict[str, str], tmp_path: Path) -> None:
+    """If memory runs out: the process is started again, and the supervisor is not."""
+
+    def score(pid: int) -> int:
+        return int(Path(f"/proc/{pid}/oom_score_adj").read_text())
+
+    own = score(os.getpid())
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        assert all(score(pid) > own for pid in supervisor.pids.values())
+        first = supervisor.pids["one"]
+        os.kill(first, signal.SIGKILL)
+        assert attended(supervisor, lambda: supervisor.pids.get("one", first) != first)
+        assert score(supervisor.pids["one"]) > own
+    assert score(os.getpid()) == own
+
+
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
 def test_a_process_that_waits_for_a_processor_is_not_hung_so_soon(scripts: dict[str, str], tmp_path: Path) -> None:
     core = min(os.sched_getaffinity(0))
