@@ -82,6 +82,11 @@ def distant_gap(chance: random.Random, known: bytes) -> bytes:
     return HEADER + known[:12] + submessage(GAP, content)
 
 
+def discovery_gap(chance: random.Random, known: bytes) -> bytes:
+    """An endless gap in the announcements of publishers, in the name of a participant."""
+    return endless_gap(chance, known[:12] + PUBLICATIONS_WRITER)
+
+
 def freed(known: bytes, number: int) -> bytes:
     """The first part of message ``number`` in the name of a publisher, and a gap up to it.
 
@@ -169,8 +174,11 @@ def node_list(endpoint: bytes, names: Sequence[bytes], number: int) -> bytes:
     return _news(endpoint[:12], NAMES_WRITER, bytes(4), number, content)
 
 
-def publisher(prefix: bytes, topic: bytes, kind: bytes, number: int) -> bytes:
-    """The news that a participant has another publisher, under DDS names of its topic and type."""
+def publisher(prefix: bytes, topic: bytes, kind: bytes, number: int, *further: tuple[int, bytes]) -> bytes:
+    """The news that a participant has another publisher, under DDS names of its topic and type.
+
+    ``further`` parameters follow these.
+    """
     guid = prefix + struct.pack(">I", 0x00100003 + (number << 8))
     parameters = b"".join(
         struct.pack("<HH", key, len(value)) + value
@@ -180,10 +188,18 @@ def publisher(prefix: bytes, topic: bytes, kind: bytes, number: int) -> bytes:
             (0x0005, _string(topic)),
             (0x0007, _string(kind)),
             (0x001A, struct.pack("<iiI", 2, 0, 100)),  # reliable
+            *further,
             (0x0001, b""),
         )
     )
     return _news(prefix, PUBLICATIONS_WRITER, PUBLICATIONS_READER, number, b"\x00\x03\x00\x00" + parameters)
+
+
+def endless_list(chance: random.Random, known: bytes) -> bytes:
+    """The news of a publisher with 2^32 - 1 data representations, for which Fast DDS 2.14 takes gigabytes."""
+    number = chance.randrange(1000, 2**15)
+    count = struct.pack("<I", 2**32 - 1) + bytes(8)
+    return publisher(known[:12], b"rt/list", b"std_msgs::msg::dds_::String_", number, (0x0073, count))
 
 
 def names(chance: random.Random, known: bytes) -> bytes:
@@ -202,10 +218,12 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "samples": samples,
     "endless_gap": endless_gap,
     "distant_gap": distant_gap,
+    "discovery_gap": discovery_gap,
     "participants": participants,
     "acknacks": acknacks,
     "removed_publishers": removed_publishers,
     "removed_subscriptions": removed_subscriptions,
+    "endless_list": endless_list,
     "names": names,
 }
 

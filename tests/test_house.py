@@ -170,6 +170,8 @@ WITHIN_LIMITS = {
     "cli/new.py template.read_text": "a template of a project",
     "runtime/fork_server.py open": "a pipe to an own process",
     "runtime/_processes.py (task / 'stat').read_bytes": "written by the kernel",
+    "runtime/_processes.py (task / 'comm').read_bytes": "written by the kernel",
+    "runtime/_processes.py (task / 'status').read_bytes": "written by the kernel",
     "runtime/_processes.py (task / 'schedstat').read_bytes": "written by the kernel",
     "planning/planners/_child_process.py (process / 'stat').read_text": "written by the kernel",
     "bridge/_node_thread.py open": "written by the kernel",

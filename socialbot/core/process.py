@@ -57,9 +57,9 @@ FIRST_VICTIM = 500
 
 def kill_before_others(pid: int) -> None:
     """Let the kernel kill process ``pid`` before this one if memory runs out. Elsewhere than on Linux, do nothing."""
-    setting = Path(f"/proc/{pid}/oom_score_adj")
     with contextlib.suppress(OSError):  # it has ended
-        setting.write_text(str(max(FIRST_VICTIM, int(setting.read_text()))))
+        score = max(FIRST_VICTIM, int(Path(f"/proc/{pid}/oom_score_adj").read_text()))
+        Path(f"/proc/{pid}/oom_score_adj").write_text(str(score))
 
 
 class _Action(ctypes.Structure):

@@ -138,6 +138,47 @@ class ProcessorWaits:
         return waited_s - wait.begun_s + max(0.0, (now - wait.since) - (ran_s - wait.ran_s))
 
 
+class EndlessWork:
+    """Watch over the threads of DDS in a process, which one false packet can let count without end.
+
+    A thread that works on packets waits now and then: for the next one, or for a lock.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._tasks = Path(f"/proc/{pid}/task")
+        self._names: dict[str, bytes] = {}
+        self._begun: dict[str, tuple[int, int]] = {}
+        """Number of waits of a thread, and the time (ns) for which it had run when it last waited."""
+        self._due = 0.0
+        self._longest_s = 0.0
+
+    def longest_s(self, now: float) -> float:
+        """Look at most once in `LOOK_S`; return the longest time (s) for which a thread has run without a wait."""
+        if now >= self._due:
+            self._due = now + LOOK_S
+            self._longest_s = max((self._unpaused_s(task) for task in self._tasks.glob("*")), default=0.0)
+        return self._longest_s
+
+    def _unpaused_s(self, task: Path) -> float:
+        try:
+            if task.name not in self._names:
+                self._names[task.name] = (task / "comm").read_bytes()
+            if not self._names[task.name].startswith(b"dds."):
+                return 0.0
+            waits = int((task / "status").read_bytes().rpartition(b"\nvoluntary_ctxt_switches:")[2].split()[0])
+            ran_ns = int((task / "schedstat").read_bytes().split()[0])
+        except (OSError, ValueError, IndexError):  # the thread has ended
+            return 0.0
+        if self._begun.get(task.name, (-1, 0))[0] != waits:
+            self._begun[task.name] = waits, ran_ns
+        return (ran_ns - self._begun[task.name][1]) / 1e9
+
+
+LOOK_S = 0.5
+ENDLESS_S = 2.0
+"""Processor time (s) without a wait after which a thread of DDS works without end."""
+
+
 def until_parent_ends(arguments: list[str]) -> list[str]:
     """Return the arguments of a process that ends with this one."""
     return [*arguments, "--parent", str(os.getpid())]

@@ -27,6 +27,8 @@ from socialbot.runs.record import RunTrace
 from socialbot.runtime._lost_publishers import RenewalBackoff, RunningNodes
 from socialbot.runtime._processes import (
     DOCUMENTED,
+    ENDLESS_S,
+    EndlessWork,
     Process,
     ProcessorWaits,
     RestartBackoff,
@@ -190,6 +192,7 @@ class Member:
     reported_at: dict[str, float] = field(default_factory=dict)
     waits: dict[str, ProcessorWaits] = field(default_factory=dict)
     """Waits for a processor of silent nodes since they became silent."""
+    work: EndlessWork | None = None
     restarts: int = 0
     was_well: bool = False
     is_down: bool = False
@@ -373,6 +376,7 @@ class Supervisor:
                 channel=theirs.fileno(),
             )
         kill_before_others(member.process.pid)
+        member.work = EndlessWork(member.process.pid)
         now = time.monotonic()
         member.channel, member.due, member.hung, member.renewal = channel, None, "", ""
         member.started = now
@@ -429,7 +433,7 @@ class Supervisor:
                 member.reported_at = {node: min(now, time + absent_s) for node, time in member.reported_at.items()}
 
     def _hung(self, member: Member, now: float) -> str:
-        """Return a node whose reports have timed out, if any.
+        """Return why a process hangs, if it does: a node has not reported, or DDS works without end.
 
         Time in which its process waited for a processor does not count, up to `STARVED_LIMITS`.
         """
@@ -441,8 +445,9 @@ class Supervisor:
                 waits = member.waits.setdefault(node, ProcessorWaits(member.process.pid))
                 starved_s = waits.longest_s(now)
             if silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s:
-                return node
-        return ""
+                return f"{node} sent no report"
+        is_endless = member.work is not None and member.work.longest_s(now) >= ENDLESS_S
+        return "DDS works without end" if is_endless else ""
 
     def _on_exit(self, member: Member, code: int, now: float) -> None:
         self._part(member)
@@ -462,7 +467,7 @@ class Supervisor:
                 raise failure(member.name, code, file)
             self._go_on_without(member, code, reported_error(file), now)
             return
-        hung = f"hung ({member.hung} sent no report)" if member.hung else ""
+        hung = f"hung ({member.hung})" if member.hung else ""
         what = hung or how_it_ended(code, reported_error(file))
         member.last_error, member.is_down = what, True
         pause_s = member.backoff.killed(now) if hung else member.backoff.crashed(now)

@@ -29,7 +29,7 @@ from socialbot.graph.node import Graph
 from socialbot.runs.record import MINDS
 from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RenewalBackoff
 from socialbot.runtime._network import DiscoveryServer, Network
-from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
+from socialbot.runtime._processes import ENDLESS_S, EndlessWork, RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
 from socialbot.runtime.launch import DeadNodeDiagnostics, RecordDiagnostics, Supervisor, Variables
 from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics, with_speech_files
@@ -131,15 +131,15 @@ class _NodesUp:
                 ends.enter_context(self.supervisor)
             else:
                 ends.push(self.supervisor)
-            spin, lost = SpinWatch(observer.ros), LostWatch(observer, graph)
             ports = PortWatch(os.getpid())
+            spin, work, lost = SpinWatch(observer.ros), EndlessWork(os.getpid()), LostWatch(observer, graph)
             self._renewals.started()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
             while not (ending.asked or restarted(self.supervisor, self._begun, source.missed()) or self._is_deaf()):
                 report_alive()
                 self.supervisor.attend(ATTEND_S)
-                if spin.is_blocked():
+                if spin.is_blocked() or work.longest_s(time.monotonic()) >= ENDLESS_S:
                     give_up(observer.ros)
                     ends.pop_all()
                     return "DDS does not answer this process"

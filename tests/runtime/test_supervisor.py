@@ -25,7 +25,7 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.runtime import _lost_publishers, _processes
 from socialbot.runtime._processes import ProcessorWaits, RestartPolicy
-from socialbot.runtime.fork_server import ForkServer
+from socialbot.runtime.fork_server import PR_SET_NAME, ForkServer
 from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, STARVED_LIMITS, Supervisor
 
 pytestmark = pytest.mark.ros
@@ -282,6 +282,24 @@ def test_the_kernel_kills_a_process_before_its_supervisor(scripts: dict[str, str
         assert attended(supervisor, lambda: supervisor.pids.get("one", first) != first)
         assert score(supervisor.pids["one"]) > own
     assert score(os.getpid()) == own
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
+def test_a_process_whose_dds_works_without_end_is_restarted(scripts: dict[str, str], tmp_path: Path) -> None:
+    """False packets of discovery let a thread count for days, and the node goes on meanwhile."""
+    scripts["one"] = f"""
+import ctypes, hashlib, threading
+def count():
+    ctypes.CDLL(None).prctl({PR_SET_NAME}, b"dds.udp.7410")
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    threading.Thread(target=count, daemon=True).start()
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.restarts == 1 and one.state == "active")
+        assert one.last_error == "hung (DDS works without end)"
+        assert two.restarts == 0
 
 
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
