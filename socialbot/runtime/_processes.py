@@ -175,7 +175,7 @@ class EndlessWork:
 
 
 LOOK_S = 0.5
-ENDLESS_S = 2.0
+ENDLESS_S = 1.0
 """Processor time (s) without a wait after which a thread of DDS works without end."""
 
 

@@ -215,7 +215,7 @@ def test_processes_that_lose_a_running_publisher_are_restarted(name: str, tmp_pa
 
 @pytest.mark.ros
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["endless_gap", "distant_gap", "discovery_gap"])
+@pytest.mark.parametrize("name", ["endless_gap", "distant_gap", "discovery_gap", "endless_list"])
 def test_a_process_whose_dds_hangs_is_restarted(name: str, tmp_path: Path) -> None:
     """One GAP over 2^32 messages keeps Fast DDS busy for hours. `up` observes the graph again."""
     new_key("robot", tmp_path / "keys")
