@@ -423,6 +423,7 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
 BLOCKED_S = 10.0
 """Time (s) after which an executor that does not end is blocked by DDS."""
 _is_blocked = False
+HALT_AFTER_S = 10.0
 BUSY_LOOKS = 5
 """Number of looks at which a thread runs that does nothing else; others may hold locks of other processes."""
 _threads_of: WeakKeyDictionary[Node, frozenset[int]] = WeakKeyDictionary()
@@ -433,12 +434,20 @@ def _threads() -> frozenset[int]:
     return frozenset(int(path.name) for path in Path("/proc/self/task").glob("*"))
 
 
-def give_up(node: Node) -> None:
-    """Let the block of a `spinning_node` end without waiting for DDS, and stop those of its threads that are busy.
+def give_up(node: Node) -> frozenset[int]:
+    """Let the block of a `spinning_node` end without waiting for DDS; return the threads of DDS, by native id.
 
-    They would keep processors busy and take memory without end.
+    Those that are still busy after `HALT_AFTER_S` are stopped: they would keep processors busy and take memory without
+    end. They may hold locks of the process before, while they make room for a message of gigabytes.
     """
     threads = _threads_of.pop(node)
+    later = threading.Timer(HALT_AFTER_S, _halt_busy, (threads,))
+    later.daemon = True
+    later.start()
+    return threads
+
+
+def _halt_busy(threads: frozenset[int]) -> None:
     for thread in frozenset.intersection(*(_running(threads) for _ in range(BUSY_LOOKS))):
         with contextlib.suppress(OSError):  # it has ended
             halt_thread(thread)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, BinaryIO, Protocol
@@ -141,11 +141,12 @@ class ProcessorWaits:
 class EndlessWork:
     """Watch over the threads of DDS in a process, which one false packet can let count without end.
 
-    A thread that works on packets waits now and then: for the next one, or for a lock.
+    A thread that works on packets waits now and then: for the next one, or for a lock. ``ignored`` ones do not count.
     """
 
-    def __init__(self, pid: int) -> None:
+    def __init__(self, pid: int, ignored: Collection[int] = ()) -> None:
         self._tasks = Path(f"/proc/{pid}/task")
+        self._ignored = frozenset(map(str, ignored))
         self._names: dict[str, bytes] = {}
         self._begun: dict[str, tuple[int, int]] = {}
         """Number of waits of a thread, and the time (ns) for which it had run when it last waited."""
@@ -163,7 +164,7 @@ class EndlessWork:
         try:
             if task.name not in self._names:
                 self._names[task.name] = (task / "comm").read_bytes()
-            if not self._names[task.name].startswith(b"dds."):
+            if task.name in self._ignored or not self._names[task.name].startswith(b"dds."):
                 return 0.0
             waits = int((task / "status").read_bytes().rpartition(b"\nvoluntary_ctxt_switches:")[2].split()[0])
             ran_ns = int((task / "schedstat").read_bytes().split()[0])

@@ -94,6 +94,7 @@ class _NodesUp:
         self.why = "a service came up after the start"
         """Why all processes are started again, if they are."""
         self._observers = 0
+        self._given_up: frozenset[int] = frozenset()
         self._renewals = RenewalBackoff()
         self.supervisor = Supervisor(
             self._graph,
@@ -131,8 +132,12 @@ class _NodesUp:
                 ends.enter_context(self.supervisor)
             else:
                 ends.push(self.supervisor)
+            spin, work, lost = (
+                SpinWatch(observer.ros),
+                EndlessWork(os.getpid(), self._given_up),
+                LostWatch(observer, graph),
+            )
             ports = PortWatch(os.getpid())
-            spin, work, lost = SpinWatch(observer.ros), EndlessWork(os.getpid()), LostWatch(observer, graph)
             self._renewals.started()
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
@@ -140,7 +145,7 @@ class _NodesUp:
                 report_alive()
                 self.supervisor.attend(ATTEND_S)
                 if spin.is_blocked() or work.longest_s(time.monotonic()) >= ENDLESS_S:
-                    give_up(observer.ros)
+                    self._given_up |= give_up(observer.ros)
                     ends.pop_all()
                     return "DDS does not answer this process"
                 topic = LOST_PORT if ports.is_lost(time.monotonic()) else self.supervisor.running.lost(lost.lost)

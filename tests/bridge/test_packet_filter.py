@@ -62,7 +62,7 @@ from pathlib import Path
 from rclpy.node import Node
 from std_msgs.msg import String
 from evaluation.rtps_attack import distant_gap, ports
-from socialbot.bridge.environment import give_up, ros_context, spinning_node
+from socialbot.bridge.environment import HALT_AFTER_S, give_up, ros_context, spinning_node
 from tests.system.running import eventually
 heard, sizes = [], []
 def memory_mb():
@@ -84,6 +84,7 @@ with spinning_node("reader") as reader, ros_context() as context:
     give_up(reader)
     for thread in os.listdir("/proc/self/task"):  # as if processors were idle
         os.sched_setscheduler(int(thread), os.SCHED_OTHER, os.sched_param(0))
+    time.sleep(HALT_AFTER_S + 2)
     for _ in range(4):
         sizes.append(memory_mb())
         time.sleep(0.5)
