@@ -162,7 +162,8 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
             drivers = driver_domain(variables)
         except SocialbotError as error:
             return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
-        text = f"messages are sealed; {f'open by {way}' if way else 'this machine only'}"
+        reachable = f"open by {way}, so DDS needs a firewall: docs/security.md"
+        text = f"messages are sealed; {reachable if way else 'this machine only'}"
         if drivers is not None:
             text += f"; also in domain {drivers.domain}: {', '.join(sorted(drivers.topics))}"
         return Finding(name, "ok", f"{text}; need no seal: {', '.join(unsealed)}" if unsealed else text)

@@ -260,7 +260,9 @@ class TestEnvironment:
         caplog.clear()
         warn_if_open(variables | {KEYS_VARIABLE: str(keys)})
         assert not caplog.records
-        assert ros_checks.strangers(variables | {KEYS_VARIABLE: str(keys)}).state == "ok"
+        finding = ros_checks.strangers(variables | {KEYS_VARIABLE: str(keys)})
+        assert finding.state == "ok"
+        assert ("DDS needs a firewall" in finding.text) == bool(way)
 
     def test_doctor_finds_unusable_keys(self, keys):
         (keys / "robot.key").chmod(0o644)
