@@ -1,41 +1,17 @@
-"""Search for a task decomposition with a private instance of GTPyhop."""
+"""Depth-first search for a task decomposition."""
 
 from __future__ import annotations
 
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from importlib.util import find_spec, module_from_spec, spec_from_file_location
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-from socialbot.core.errors import InstallationError, PlanningError
-from socialbot.core.installation import pip_command
-from socialbot.planning.htn.domain import MAX_METHODS, Item, Operator, TaskDomain, TaskState, item_text
+from socialbot.core.errors import PlanningError
+from socialbot.planning.htn.domain import Item, Operator, TaskDomain, TaskState, item_text
 from socialbot.planning.htn.tree import TaskFault, TaskLimits
-
-
-def _load() -> ModuleType:
-    package = find_spec("gtpyhop")
-    if package is None or package.origin is None:
-        raise InstallationError(
-            "gtpyhop-core is not installed",
-            where="task networks",
-            remedy=pip_command("install", "gtpyhop-core>=2.0.2,<3"),
-        )
-    spec = spec_from_file_location("_gtpyhop_of_socialbot", Path(package.origin).with_name("main.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-_GTPYHOP: Any = _load()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,82 +19,17 @@ class Trail:
     """Linked list of decisions, newest first: ``what`` was executed, or refined by ``method``."""
 
     before: Trail | None
-    what: Any
+    what: TaskPlace
     method: str | None
 
 
-class SearchState(_GTPYHOP.State):
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState:
     """State of the search with its decisions and the number of actions."""
 
-    __name__ = "search state"
-
-    def __init__(self, state: TaskState, trail: Trail | None = None, done: int = 0) -> None:
-        self.state = state
-        self.trail = trail
-        self.done = done
-
-    def copy(self, new_name: str | None = None) -> SearchState:
-        # Actions copy the part that they change.
-        return self
-
-    def __eq__(self, other: object) -> bool:
-        # GTPyhop omits steps without a change from its plan: here all of them, as the trail replaces it.
-        return True
-
-    def __ne__(self, other: object) -> bool:
-        return False
-
-    __hash__ = None  # type: ignore[assignment]
-
-
-Todo = tuple[Any, ...]
-"""Agenda entry. An exception of its function ends the search, and `seek` raises it."""
-
-
-def step(function: Callable[[SearchState], SearchState | None]) -> Todo:
-    """Return an entry whose function leads to another state, or None."""
-    return ("_step", function)
-
-
-def task(function: Callable[[SearchState, int], list[Todo] | None], methods: int) -> Todo:
-    """Return an entry whose function refines it by the method of an index, or returns None."""
-    return (f"task {methods}", function)
-
-
-def seek(start: SearchState, todo: Sequence[Todo]) -> SearchState | None:
-    """Return the first state after all entries, with methods tried in order; None if there is none."""
-    found: list[SearchState] = []
-
-    def end(current: SearchState) -> SearchState:
-        found.append(current)
-        return current
-
-    _GTPYHOP.find_plan(start, [*todo, step(end)])
-    return found[0] if found else None
-
-
-def _step(current: SearchState, function: Callable[[SearchState], SearchState | None]) -> SearchState | None:
-    return function(current)
-
-
-def _method(index: int) -> Callable[[SearchState, Callable[[SearchState, int], list[Todo] | None]], list[Todo] | None]:
-    def refine(current: SearchState, function: Callable[[SearchState, int], list[Todo] | None]) -> list[Todo] | None:
-        return function(current, index)
-
-    return refine
-
-
-def _declare() -> None:
-    _GTPYHOP.Domain("socialbot")  # becomes the current one
-    _GTPYHOP.declare_actions(_step)
-    methods = [_method(index) for index in range(MAX_METHODS)]
-    for count in range(MAX_METHODS + 1):
-        _GTPYHOP.declare_task_methods(f"task {count}", *methods[:count])
-    _GTPYHOP.set_recursive_planning("iterative_dfs_backtracking")
-    _GTPYHOP.verbose = 0
-
-
-_declare()
+    state: TaskState
+    trail: Trail | None = None
+    done: int = 0
 
 
 class LimitReached(Exception):  # noqa: N818 - no error
@@ -168,6 +79,21 @@ def back(trail: Trail | None, start: TaskPlace | None = None) -> Iterator[Trail]
         trail = None if trail.what is start else trail.before
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Agenda:
+    """Linked list of what is left to do."""
+
+    what: TaskPlace | Alternative
+    later: _Agenda | None
+
+
+def _before(todo: Sequence[TaskPlace | Alternative], later: _Agenda | None) -> _Agenda | None:
+    """Return an agenda with ``todo`` in front."""
+    for what in reversed(todo):
+        later = _Agenda(what, later)
+    return later
+
+
 @dataclass(eq=False)
 class TaskSearch:
     """Searches in one domain with shared limits; ``end`` is the deadline (``time.thread_time``)."""
@@ -185,7 +111,27 @@ class TaskSearch:
 
         Raises LimitReached, Cancelled, TaskDomainError.
         """
-        return seek(SearchState(state.copy()), [self._todo(what) for what in todo])
+        # Each choice is a state, what is left to do from it, and the method with which that begins.
+        choices: list[tuple[SearchState, _Agenda | None, int]] = [(SearchState(state.copy()), _before(todo, None), 0)]
+        while choices:
+            current, agenda, index = choices.pop()
+            if agenda is None:
+                return current
+            what, later = agenda.what, agenda.later
+            if isinstance(what, Alternative):
+                after = self._compare(what, current)
+            elif (methods := self.domain.methods.get(what.item[0])) is None:
+                after = self._act(what, current)
+            else:
+                if index + 1 < len(methods):
+                    choices.append((current, agenda, index + 1))
+                after, items = None, self._refine(what, current, methods[index])
+                if items is not None:
+                    after = SearchState(current.state, Trail(current.trail, what, methods[index].name), current.done)
+                    later = _before([TaskPlace(item, what) for item in items], later)
+            if after is not None:
+                choices.append((after, later, 0))
+        return None
 
     @property
     def obstacle(self) -> str:
@@ -210,12 +156,6 @@ class TaskSearch:
             what = f"{item_text(tuple(item))}, in {source}: {wrong.name} takes {wrong.arity} arguments"
         raise TaskDomainError(fault, what, where=where, remedy=remedy)
 
-    def _todo(self, what: TaskPlace | Alternative) -> Todo:
-        if isinstance(what, Alternative):
-            return step(partial(self._compare, what))
-        methods = self.domain.methods.get(what.item[0])
-        return step(partial(self._act, what)) if methods is None else task(partial(self._refine, what), len(methods))
-
     def _act(self, place: TaskPlace, current: SearchState) -> SearchState | None:
         self._count()
         if place.item in self.blacklist:
@@ -230,17 +170,10 @@ class TaskSearch:
             raise TaskDomainError(TaskFault.MALFORMED, what, where=action.where, remedy=remedy)
         return SearchState(after, Trail(current.trail, place, None), current.done + 1)
 
-    def _refine(self, place: TaskPlace, current: SearchState, index: int) -> list[Todo] | None:
-        # GTPyhop calls all methods of a task at once; an error counts only when the search reaches it.
+    def _refine(self, place: TaskPlace, current: SearchState, method: Operator) -> list[Item] | None:
         self._count()
-        method = self.domain.methods[place.item[0]][index]
-        try:
-            items = self._items(method, self._call(method, current.state, place.item))
-        except TaskDomainError as fault:
-            return [step(partial(_raise, fault))]
-        if items is None:
-            return self._fail(current, f"no method does {item_text(place.item)}")
-        return [step(partial(_choose, place, method.name)), *(self._todo(TaskPlace(item, place)) for item in items)]
+        items = self._items(method, self._call(method, current.state, place.item))
+        return self._fail(current, f"no method does {item_text(place.item)}") if items is None else items
 
     def _compare(self, otherwise: Alternative, current: SearchState) -> SearchState | None:
         if otherwise.holds(current.trail):
@@ -278,11 +211,3 @@ class TaskSearch:
         for item in returned:
             self.check(item, f"the result of {method.name}", method.where)
         return [tuple(item) for item in returned]
-
-
-def _choose(place: TaskPlace, method: str, current: SearchState) -> SearchState:
-    return SearchState(current.state, Trail(current.trail, place, method), current.done)
-
-
-def _raise(fault: TaskDomainError, current: SearchState) -> None:
-    raise fault

@@ -52,9 +52,6 @@ class TaskState:
 Item = tuple[Any, ...]
 """Task or action with its arguments: ``("a_navto", "spot1", "room1")``."""
 
-MAX_METHODS = 64
-"""Maximum number of methods of a task."""
-
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -130,9 +127,6 @@ class TaskDomain:
                 raise _taken(f"{self.name} has an action {task!r} already", new)
             if any(new.name == other.name for other in old):
                 raise _taken(f"{task} has a method {new.name!r} already", new)
-            if len(old) == MAX_METHODS:
-                what = f"{task} has {MAX_METHODS} methods already"
-                raise PlanningError(what, where=new.where, remedy="group them as tasks of their own")
             self.methods[task] = (*old, new)
 
     def operators(self, name: str) -> tuple[Operator, ...]:

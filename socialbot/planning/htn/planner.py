@@ -119,8 +119,8 @@ class SearchOptions(TypedDict, total=False):
 class TaskPlanner:
     """Planner for the tasks of one domain; stateless and thread-safe. It raises nothing: errors are in the answer.
 
-    GTPyhop searches; repair, blacklist and limits are added here. A set ``cancelled`` or the timeout ends a call at
-    the next action or method. Blacklisted actions, such as ``("a_open_door", "spot1", "room1")``, are not planned.
+    A set ``cancelled`` or the timeout ends a call at the next action or method. Blacklisted actions, such as
+    ``("a_open_door", "spot1", "room1")``, are not planned.
     """
 
     def __init__(self, domain: TaskDomain) -> None:

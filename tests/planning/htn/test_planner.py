@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import subprocess
 import sys
 import textwrap
 import threading
@@ -10,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from socialbot.bridge._node_thread import Stopwatch
-from socialbot.planning.htn.domain import TaskDomain, TaskState
+from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 from socialbot.planning.htn.planner import TaskPlanner
 from socialbot.planning.htn.tree import TaskFault, TaskLimits, TaskVerdict
 
@@ -321,22 +320,22 @@ def test_the_same_question_gets_the_same_answer():
     assert trees[0] == trees[1] == trees[2]
 
 
-def test_planning_prints_no_text_and_keeps_signals_and_other_gtpyhop_domains():
-    code = """
-        import signal
-        before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
-        import sys
-        from tests.planning.htn.test_planner import HERE, TaskPlanner, household
-        assert "gtpyhop" not in sys.modules
-        assert TaskPlanner(household()).plan(HERE, [("m_fetch", "cup")]).plan
-        import os
-        os.environ["GTPYHOP_QUIET"] = "true"
-        import gtpyhop
-        other = gtpyhop.Domain("of somebody else")
-        assert TaskPlanner(household()).plan(HERE, [("m_fetch", "cup")]).plan
-        assert gtpyhop.get_current_domain() is other
-        assert gtpyhop.get_logger("gtpyhop_global").get_logs() == []
-        assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
-        """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+def test_the_search_tries_a_method_only_if_those_before_it_fail():
+    domain, called = TaskDomain("lazy"), []
+
+    @domain.action
+    def act(state: TaskState) -> TaskState:
+        return state
+
+    @domain.method("task")
+    def first(state: TaskState) -> list[Item]:
+        called.append("first")
+        return [("act",)]
+
+    @domain.method("task")
+    def second(state: TaskState) -> list[Item]:
+        called.append("second")
+        return [("act",)]
+
+    assert TaskPlanner(domain).plan(TaskState(), [("task",)]).plan
+    assert called == ["first"]
