@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -468,13 +468,18 @@ class GripperAgent(Deliberating):
 def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
     """The node type ``name`` of a gripper for a number of boxes and carriers."""
     scenario = scenario_of(boxes, carriers)
-    members: dict[str, Any] = {"scenario": scenario, "__doc__": GripperAgent.__doc__}
-    for carrier in scenario.carriers:
-        members |= _status_input(carrier)
-    return type(name, (GripperAgent,), members)
+    gripper = _with_inputs(name, scenario.carriers)
+    gripper.scenario = scenario
+    return gripper
 
 
-def _status_input(carrier: str, *, optional: bool = False) -> dict[str, Any]:
+def _with_inputs(name: str, carriers: Iterable[str], *, optional: bool = False) -> type[GripperAgent]:
+    """A node type with an input for the status of each carrier."""
+    inputs = {key: each for carrier in carriers for key, each in _status_input(carrier, optional=optional).items()}
+    return type(name, (GripperAgent,), {"__doc__": GripperAgent.__doc__, **inputs})
+
+
+def _status_input(carrier: str, *, optional: bool) -> dict[str, Any]:
     status = Input(MoveStatus, f"/{carrier}/move_status", optional=optional)
 
     def on_status(node: GripperAgent, message: MoveStatus) -> None:
@@ -490,12 +495,10 @@ Gripper12 = gripper_of(12, 3, "Gripper12")
 Gripper24 = gripper_of(24, 6, "Gripper24")
 
 
-class LayoutGripper(GripperAgent):
+class LayoutGripper(_with_inputs("_LayoutInputs", CARRIER_NAMES, optional=True)):
     """A gripper of a layout file, with the name of its node. It has the inputs of all `CARRIER_NAMES`."""
 
     layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
-
-    vars().update(pair for carrier in CARRIER_NAMES for pair in _status_input(carrier, optional=True).items())
 
     def build(self) -> Engine:
         scenarios = {scenario.gripper: scenario for scenario in load_layout(self.layout, where=f"{self.name}.layout")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar
 
 from socialbot.agents.warehouse.layout import load_layout
@@ -74,7 +74,7 @@ def _inputs(robot: str, commands: Mapping[str, Command], prefix: str, optional: 
 
 
 class WarehouseWorld(Node):
-    """Simulator of a warehouse; `world_of` makes a subclass for a number of boxes and carriers.
+    """Simulator of a warehouse; its subclasses have the ports of their grippers and carriers.
 
     Each carrier adds ``/carrier_x/cmd_target``, ``/carrier_x/cmd_unload`` and ``/carrier_x/move_status``.
     """
@@ -84,7 +84,6 @@ class WarehouseWorld(Node):
     boxes: ClassVar[int] = 6
     carriers: ClassVar[int] = 3
 
-    vars().update(_gripper_ports(GRIPPER))
     box_positions = Output(BoxPositions, "/warehouse/boxes")
 
     seed = Parameter(0, "random seed of speeds and stalls", fixed=True)
@@ -160,12 +159,21 @@ class WarehouseWorld(Node):
         self.context.call_at(now + nanoseconds(self.period_s), self._report)
 
 
+def _with_ports(name: str, grippers: Iterable[str], carriers: Iterable[str], *, optional: bool) -> type[WarehouseWorld]:
+    """A node type with the ports of `GRIPPER`, and of more grippers and carriers, which may be ``optional``."""
+    ports = _gripper_ports(GRIPPER)
+    for gripper in grippers:
+        ports |= _gripper_ports(gripper, f"{gripper}_", optional=optional)
+    for carrier in carriers:
+        ports |= _carrier_ports(carrier, optional=optional)
+    return type(name, (WarehouseWorld,), {"__doc__": WarehouseWorld.__doc__, **ports})
+
+
 def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
     """The node type ``name`` of a world with a number of boxes and carriers."""
-    members: dict[str, Any] = {"boxes": boxes, "carriers": carriers, "__doc__": WarehouseWorld.__doc__}
-    for carrier in scenario_of(boxes, carriers).carriers:
-        members |= _carrier_ports(carrier)
-    return type(name, (WarehouseWorld,), members)
+    world = _with_ports(name, (), scenario_of(boxes, carriers).carriers, optional=False)
+    world.boxes, world.carriers = boxes, carriers
+    return world
 
 
 World = world_of(6, 3, "World")
@@ -173,15 +181,10 @@ World12 = world_of(12, 3, "World12")
 World24 = world_of(24, 6, "World24")
 
 
-class LayoutWorld(WarehouseWorld):
+class LayoutWorld(_with_ports("_LayoutPorts", GRIPPER_NAMES[1:], CARRIER_NAMES, optional=True)):
     """Simulator of the warehouse of a layout file. It has the ports of all `GRIPPER_NAMES` and `CARRIER_NAMES`."""
 
     layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
-
-    for _carrier in CARRIER_NAMES:
-        vars().update(_carrier_ports(_carrier, optional=True))
-    for _gripper in GRIPPER_NAMES[1:]:
-        vars().update(_gripper_ports(_gripper, f"{_gripper}_", optional=True))
 
     def initial_scenarios(self) -> tuple[Scenario, ...]:
         return load_layout(self.layout, where=f"{self.name}.layout")
