@@ -28,7 +28,7 @@ import msgspec
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.paths import read_text, replace_file
-from socialbot.core.process import halt_thread, skip_cleanup
+from socialbot.core.process import halt_thread, proc_stat, skip_cleanup
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -459,7 +459,7 @@ def _running(threads: frozenset[int]) -> frozenset[int]:
     found: set[int] = set()
     for thread in threads:
         with contextlib.suppress(OSError):  # it has ended
-            if Path(f"/proc/self/task/{thread}/stat").read_text("utf-8").rpartition(")")[2].split()[0] == "R":
+            if proc_stat(Path(f"/proc/self/task/{thread}"))[0] == "R":
                 found.add(thread)
     return frozenset(found)
 

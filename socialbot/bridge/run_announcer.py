@@ -19,6 +19,7 @@ from socialbot.bridge.environment import ros_domain
 from socialbot.bridge.transport import is_power_of_ten, open_transport
 from socialbot.core.clock import WallClock
 from socialbot.core.messages import DownRequest, UpState, UpStatus
+from socialbot.core.process import proc_stat
 
 UP_TOPIC, DOWN_TOPIC = "/socialbot/up", "/socialbot/down"
 
@@ -148,10 +149,9 @@ def is_gone(status: UpStatus, *, vanished: bool = False) -> bool:
 def _is_alive(pid: int) -> bool:
     """Whether a process exists and is not a zombie."""
     try:
-        stat = Path(f"/proc/{pid}/stat").read_text("utf-8", errors="replace")
+        return proc_stat(Path(f"/proc/{pid}"))[0] not in ("Z", "X")
     except OSError:
         return False
-    return stat.rpartition(")")[2].split()[0] not in ("Z", "X")
 
 
 def boot_id() -> str:

@@ -147,6 +147,11 @@ class Ending:
                 signal.signal(number, handler)
 
 
+def proc_stat(process: Path) -> list[str]:
+    """Return the fields of a process or thread in its folder in /proc, from its state on. Raises OSError."""
+    return (process / "stat").read_text("utf-8", errors="replace").rpartition(")")[2].split()  # behind its name
+
+
 FRAMES = 6_000
 """Limit of nested calls in processes of socialbot; a call takes about 0.6 kB of the stack of its thread."""
 

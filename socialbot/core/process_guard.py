@@ -18,6 +18,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from socialbot.core.process import proc_stat
+
 END_S = 30.0
 """Time limit (s) for the end of a guarded process after SIGINT or SIGTERM."""
 
@@ -97,10 +99,9 @@ class _Guard:
 def _is_child(pid: int) -> bool:
     """Whether a process is a child of this one: the number of an ended one may be that of another."""
     try:
-        stat = Path(f"/proc/{pid}/stat").read_text("utf-8", errors="replace")
+        return int(proc_stat(Path(f"/proc/{pid}"))[1]) == os.getpid()
     except OSError:
         return False
-    return int(stat.rpartition(")")[2].split()[1]) == os.getpid()
 
 
 _guard: _Guard | None = None

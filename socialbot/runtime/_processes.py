@@ -22,7 +22,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.paths import replace_file
-from socialbot.core.process import ENDING_SIGNALS, python_command
+from socialbot.core.process import ENDING_SIGNALS, proc_stat, python_command
 from socialbot.core.process_guard import guard_child
 from socialbot.core.reading import open_file
 from socialbot.graph.files import dump_graph
@@ -127,13 +127,13 @@ class ProcessorWaits:
 
     def _wait_s(self, task: Path, now: float) -> float:
         try:
-            state = (task / "stat").read_bytes().rpartition(b")")[2].split()[0]
+            state = proc_stat(task)[0]
             ran_ns, waited_ns, periods = map(int, (task / "schedstat").read_bytes().split())
         except (OSError, ValueError, IndexError):  # the thread has ended
             return 0.0
         ran_s, waited_s = ran_ns / 1e9, waited_ns / 1e9
         wait = self._waits.setdefault(task.name, _Wait(waited_s, periods, ran_s, now))
-        if state != b"R" or periods != wait.periods:
+        if state != "R" or periods != wait.periods:
             wait.periods, wait.ran_s, wait.since = periods, ran_s, now
         return waited_s - wait.begun_s + max(0.0, (now - wait.since) - (ran_s - wait.ran_s))
 

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from socialbot.core.process import proc_stat
+
 POLL_S = 0.02
 MAX_OUTPUT = 16_000_000
 """Bytes of output that are kept, from its end."""
@@ -99,7 +101,7 @@ class ProcessTime:
     def update(self) -> float:
         now, worked = time.monotonic(), self._worked
         with suppress(OSError):  # it has just ended, or this is not Linux
-            worked = sum(map(int, _stat(self._process)[11:13])) / TICKS
+            worked = sum(map(int, proc_stat(self._process)[11:13])) / TICKS
         if worked == self._worked and not self._is_runnable():
             self._slept += now - self._looked
         self._looked, self._worked = now, worked
@@ -107,14 +109,9 @@ class ProcessTime:
 
     def _is_runnable(self) -> bool:
         try:
-            return any(_stat(thread)[0] == RUNNABLE for thread in (self._process / "task").iterdir())
+            return any(proc_stat(thread)[0] == RUNNABLE for thread in (self._process / "task").iterdir())
         except OSError:
             return False
-
-
-def _stat(process: Path) -> list[str]:
-    # The fields follow the name in parentheses.
-    return (process / "stat").read_text("ascii", "replace").rpartition(")")[2].split()
 
 
 def _communicate(
