@@ -37,7 +37,8 @@ from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._readings import candidates
 from socialbot.runs.asking._scope import NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Answer, Claim, Clause, infinitive
-from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking._unrecorded import unrecorded
 from socialbot.runs.asking._whether import Whether
 from socialbot.runs.asking._words import folded, sound, tokens

@@ -11,7 +11,8 @@ from socialbot.runs.asking._people import whereabouts
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Clause
-from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking.languages.lexicon import is_about
 
 LEAST_FIT = 0.5

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
-from socialbot.runs.asking._topics import Subjects, Topic, arguments_of, goal_of
+from socialbot.runs.asking._subjects import Subjects, goal_of
+from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
 from socialbot.runs.why import call_of, explain, head_of
 

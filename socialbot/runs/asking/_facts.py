@@ -8,7 +8,8 @@ from functools import cached_property
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._topics import Subjects, arguments_of, persons_in
+from socialbot.runs.asking._subjects import Subjects, persons_in
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.history import History
 
 GAP_S = 3.0

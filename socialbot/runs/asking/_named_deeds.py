@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._references import Reading
-from socialbot.runs.asking._topics import SAYING, Phrase, Subjects, Topic, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import SAYING, Phrase, Topic, arguments_of
 from socialbot.runs.asking._words import ALIKE, FORM, likeness, name_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, lexicon
 from socialbot.runs.asking.languages.lexicon import Meaning, Named, done_by, found_in, meanings, named_meanings

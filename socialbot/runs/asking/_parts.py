@@ -23,7 +23,7 @@ from socialbot.runs.asking._references import (
     take_time,
 )
 from socialbot.runs.asking._sentences import kind_of_name
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.asking._word_classes import (
     classify,
     guess_interrogative,

@@ -8,7 +8,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Presence
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause
-from socialbot.runs.asking._topics import persons_in
+from socialbot.runs.asking._subjects import persons_in
 
 SIDES = ("left", "middle", "right")
 """Thirds of a picture."""

@@ -18,7 +18,8 @@ from socialbot.runs.asking._parts import VERBS
 from socialbot.runs.asking._question import NEAR_S
 from socialbot.runs.asking._readings import Candidate, asked_kind, concerns_kind
 from socialbot.runs.asking._sentences import Answer
-from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking._words import tokens
 
 SURE = 0.5

@@ -15,18 +15,17 @@ from socialbot.runs.asking._beliefs import asked_beliefs
 from socialbot.runs.asking._clauses import (
     TELLS,
     Parts,
-    Relation,
     without_between,
     without_contrast,
     without_event,
     without_report,
 )
-from socialbot.runs.asking._doer import PARTICLES, is_done_by_people
+from socialbot.runs.asking._doer import PARTICLES
+from socialbot.runs.asking._events import ARTICLES, are_doers, bound_of, event_of, places_of_event, subordinate
 from socialbot.runs.asking._named_deeds import NamedDeed
 from socialbot.runs.asking._parts import (
     GREETINGS,
     INDEFINITE,
-    NAMED,
     Found,
     known_words,
     names_in,
@@ -36,9 +35,10 @@ from socialbot.runs.asking._parts import (
 from socialbot.runs.asking._question import Event, Kind, Question
 from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name
-from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking._unrecorded import has_other_object, ids_without_records, names_without_records
-from socialbot.runs.asking._word_classes import places_of_class, tells, tells_exactly
+from socialbot.runs.asking._word_classes import places_of_class, tells_exactly
 from socialbot.runs.asking._words import number_at, quoted_tokens, starts, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language, lexicon
 
@@ -86,9 +86,6 @@ _BESIDE_SAID = {
 _BEFORE_REQUEST = {"que", "qu", "de", "d"}
 """French and Spanish words between a verb of saying and what was said: ``pediste que cerraran la puerta``."""
 _BEFORE_ADDRESSEE = {"to", "zu", "a", "an", "for"}
-_ARTICLES = {"the", "a", "an"}
-_AWAY = {"away", "off", "weg", "fort"}
-"""Particles of verbs of leaving."""
 _OBJECT_BEGINS = (["the"], ["a"], ["an"], ["its"], ["their"], ["his"], ["her"])
 _COMMON = ENGLISH.known_words - ENGLISH.first_words("why", "where")
 """Words that anybody says."""
@@ -184,7 +181,7 @@ def _candidates(
         yield replace(each, ignores_event=bool(at_event))
     if split is not None:
         other, main = parts_of(split.contrast, subjects, language), parts_of(split.main, subjects, language)
-        contrast = _subordinate(other, subjects)
+        contrast = subordinate(other, subjects)
         if contrast.person is None and contrast.ordinal is not None and subjects.persons:
             contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
         left = len(other.reading.free())
@@ -215,10 +212,10 @@ def _at_event(
             if each.question.kind == "did" and each.deed is not None:
                 yield replace(each, question=replace(each.question, kind="why"))
     for each in _combined(main, quoted, subjects):
-        event = _event(split, other, each.question, subjects)
+        event = event_of(split, other, each.question, subjects)
         if event is not None:
             event = replace(event, is_near=split.is_near)
-            left = 0 if event.heard is not None else len(set(other.reading.free()) - _places_of(other))
+            left = 0 if event.heard is not None else len(set(other.reading.free()) - places_of_event(other))
             asked = replace(each.question, event=event, is_open=whole.question.is_open)
             yield replace(each, question=asked, left_over=left)
 
@@ -264,7 +261,7 @@ def _about_plan(found: Found, subjects: Subjects) -> Candidate | None:
 
 def _done_only(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
     """Yield the readings about people for whom only one deed was done: ``Who got help but no greeting?``."""
-    other = _subordinate(parts_of(parts.contrast, subjects, language), subjects)
+    other = subordinate(parts_of(parts.contrast, subjects, language), subjects)
     if not other.topics or other.person is not None or other.things:
         return
     for each in _combined(parts_of(parts.main, subjects, language), quoted, subjects):
@@ -286,43 +283,19 @@ def _reported(parts: Parts, subjects: Subjects, language: Language) -> Iterator[
 def _between(parts: Parts, quoted: Sequence[str], subjects: Subjects, language: Language) -> Iterator[Candidate]:
     """Yield the readings about the time between two events."""
     first, second = parts_of(parts.event, subjects, language), parts_of(parts.until, subjects, language)
-    begin, end = _bound(first, second, subjects, "after"), _bound(second, first, subjects, "before")
+    begin, end = bound_of(first, second, subjects, "after"), bound_of(second, first, subjects, "before")
     if begin is None or end is None:
         return
-    left = sum(len(set(each.reading.free()) - _places_of(each)) for each in (first, second))
+    left = sum(len(set(each.reading.free()) - places_of_event(each)) for each in (first, second))
     for each in _combined(parts_of(parts.main, subjects, language), quoted, subjects):
         yield replace(each, question=replace(each.question, between=(begin, end)), left_over=left)
-
-
-def _bound(found: Found, other: Found, subjects: Subjects, relation: Relation) -> Event | None:
-    """Return one of two events that a time is between: a deed, something done to a thing, or a visit.
-
-    ``The second one`` is the same deed as the ``other`` event.
-    """
-    what, words, language = _subordinate(found, subjects), found.reading.words, found.reading.language
-    if what.topics or what.things or what.agent:
-        return Event(relation, what, leaves=False)
-    like = _subordinate(other, subjects)
-    if like.topics and (what.person is not None or what.ordinal is not None):
-        order = what.ordinal if what.person is None else what.person.ordinal
-        person = None if order is not None else what.person  # "the second one"
-        return Event(relation, replace(what, topics=like.topics, ordinal=order, person=person), leaves=False)
-    if what.person is None and what.ordinal is not None and like.person is not None:
-        what = replace(what, person=PersonReference(ordinal=what.ordinal))  # "the second visitor and the third"
-    leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
-    is_over = leaves or (relation == "after" and not comes)
-    return None if what.person is None else Event(relation, what, leaves=is_over)
-
-
-def _places_of(found: Found) -> Set[int]:
-    return found.deeds[0].places if found.deeds else set()
 
 
 def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterator[Candidate]:
     """Yield each kind of question with each deed, and with each agent as the one that acts or as a thing."""
     says, places = _words_said(found, quoted, subjects)
     telling = {at[0] for _, at in found.reading.found.get("say", ()) if len(at) == 1}  # t1 may hear from the robot
-    are_tellers = _are_doers(found, telling, subjects)  # "What did t1 say to you?"
+    are_tellers = are_doers(found, telling, subjects)  # "What did t1 say to you?"
     are_subjects = are_tellers and bool(subjects.heard_stems) and (found.verb is None or found.verb in telling)
     for deed in (
         each
@@ -351,7 +324,7 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
                 topics=(deed.topic,), agent=agent, things=things,
                 agent_kind=_kind_of_agents(found.reading, subjects, deed),
                 is_opposite=deed.is_opposite, is_synonym=deed.is_synonym, is_negative=_is_denied(deed, found),
-                by_people=not quoted and _are_doers(found, deed.places, subjects),
+                by_people=not quoted and are_doers(found, deed.places, subjects),
                 counts_people=found.reading.has("how_many") and not found.reading.has("time") and bool(
                     {*found.reading.places("people")} - deed.places),
                 unknown=tuple(found.reading.words[place] for place in unknown),
@@ -404,14 +377,6 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
             yield Candidate(replace(question, kind=kind), found, None, 0)
 
 
-def _are_doers(found: Found, places: Set[int], subjects: Subjects) -> bool:
-    """Return whether people do what the words at these places name: ``Did t1 greet you?``."""
-    is_robot_you = bool(subjects.persons) or len(subjects.agents) == 1
-    if found.agents or found.asks_for:
-        return False
-    return is_done_by_people(found.reading, places, found.verb, is_robot_you=is_robot_you)
-
-
 def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
     """Yield readings about beliefs, about the places of things, and about the ends of plans."""
     reading, free = found.reading, found.reading.free()
@@ -461,7 +426,7 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     "Did you frisk Bob?" is about no other deed to Bob; the verb of a light one, such as *get*, does not count.
     """
     words, verb = found.reading.words, found.verb
-    if found.reading.has("where") and deed.is_synonym and all(words[n - 1] in _ARTICLES for n in deed.places):
+    if found.reading.has("where") and deed.is_synonym and all(words[n - 1] in ARTICLES for n in deed.places):
         return True  # "Where is the vacuum?"
     if verb is None or (verb in found.reading.places("do") and "thing" in deed.evidence):
         return False  # "Did you do the kitchen?"
@@ -560,61 +525,6 @@ def _roles(found: Found, topic: Topic, subjects: Subjects) -> Iterator[tuple[str
             yield agent, {**things, **{name: before for name, before in beside.items() if name != agent}}
     if objects.intersection(beside) or not does.intersection(beside):
         yield "", {**things, **beside}
-
-
-def _subordinate(found: Found, subjects: Subjects) -> Question:
-    """Return the question of a subordinate clause: its people and things, and the deed that it names surely."""
-    named = [each for each in found.deeds if each.fit >= NAMED]
-    deed = max(named, key=lambda each: each.evidence.get("thing", 0.0), default=None)  # the first one of the best
-    agent = min(found.agents, key=lambda each: each[1], default=("", 0))[0]
-    if deed is not None and agent and agent not in {each.source for each in subjects.done(deed.topic)}:
-        agent = ""  # "after loading the box onto carrier b"
-    things = dict(found.question.things) | {name: "" for name, _ in found.agents if name != agent}
-    topics = () if deed is None else (deed.topic,)
-    by_people = deed is not None and _are_doers(found, deed.places, subjects)
-    is_synonym = deed is not None and deed.is_synonym
-    return replace(
-        found.question, topics=topics, agent=agent, things=things, by_people=by_people, is_synonym=is_synonym
-    )
-
-
-def _event(parts: Parts, found: Found, main: Question, subjects: Subjects) -> Event | None:
-    what, words, language = _subordinate(found, subjects), parts.event, found.reading.language
-    if what.topics and what.person is None and found.reading.has("them"):
-        what = replace(what, person=main.person)  # "How far away was t1 when you greeted them?"
-    if not what.agent and what.person is None and main.agent and found.reading.has("them"):
-        what = replace(what, agent=main.agent)  # "What did carrier c do after it unloaded?"
-    if what.topics and not what.things and main.things and found.reading.has("them"):
-        what = replace(what, things=dict.fromkeys(main.things, ""))  # "What did you do with box a2 after you took it?"
-    leaves, comes = tells(words, language, "leaves"), tells(words, language, "comes")
-    people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
-    begin = words[1:2] if words[0] in _ARTICLES else words[:1]
-    mine = language.voices.first.intersection(words)
-    is_by_person = what.person is not None or begin in people or bool(mine)
-    told = (word for n, word in enumerate(words) if n not in found.referred and word not in mine)
-    heard = tuple(word for word in told if word not in language.known_words)
-    is_heard = bool(heard) and all(subjects.is_heard(word) for word in heard)  # "when I thanked you"
-    if (what.about_speech or is_heard) and is_by_person and (words[0],) not in language.phrases["you"]:
-        return Event(parts.relation, what, leaves=False, heard=heard)
-    if main.topics and not what.topics and (what.things or what.agent):
-        # The same deed with another thing or of another agent: "before carrier b"
-        names = {*what.things, *([what.agent] if what.agent else [])}
-        done = (one for topic in main.topics for one in subjects.done(topic))
-        if any(names <= {*arguments_of(one.what), one.source} for one in done):
-            return Event(parts.relation, replace(what, topics=main.topics), leaves=False)
-        return Event(parts.relation, what, leaves=False)
-    leaves = leaves and (not comes or bool(_AWAY.intersection(words)))  # "walked off"
-    if what.person is None and not what.agent and found.reading.has("people"):
-        what = replace(what, about_all=True)  # "before anybody came"
-    is_visit = (what.person is not None or what.about_all) and (leaves or comes)
-    if not is_visit and main.topics and not what.topics and what.person is not None:
-        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
-    if not is_visit and not main.topics and not what.topics and (what.things or what.agent):
-        return Event(parts.relation, what, leaves=False)  # "after the bedroom"
-    is_order = main.kind == "who" and parts.relation != "when" and what.person is not None
-    if not is_visit and not what.topics:
-        return Event(parts.relation, what, leaves=False) if is_order and not main.topics else None
-    return Event(parts.relation, replace(what, topics=()) if is_visit else what, leaves)
 
 
 def _kind_of_agents(reading: Reading, subjects: Subjects, deed: NamedDeed) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from typing import Literal
 
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.asking._words import (
     NUMBER_WORDS,
     digits,

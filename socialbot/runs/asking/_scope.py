@@ -11,7 +11,8 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, Presence, near, record_agent
 from socialbot.runs.asking._question import NEAR_S, Event, Question
 from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
-from socialbot.runs.asking._topics import Topic, arguments_of, has_word
+from socialbot.runs.asking._subjects import has_word
+from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of

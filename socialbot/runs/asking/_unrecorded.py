@@ -10,7 +10,8 @@ from socialbot.runs.asking._named_deeds import NamedDeed, meanings_of
 from socialbot.runs.asking._parts import CAPITAL, Found
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._sentences import kind_of_name
-from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.asking._subjects import Subjects
+from socialbot.runs.asking._topics import arguments_of
 from socialbot.runs.asking._words import NUMBER_WORDS, stem, tokens
 from socialbot.runs.asking.languages import lexicon
 

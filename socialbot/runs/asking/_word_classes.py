@@ -6,7 +6,7 @@ from collections.abc import Sequence, Set
 from difflib import SequenceMatcher
 
 from socialbot.runs.asking._references import Reading
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.asking._words import HEARD, occurrences, sound, starts, stem
 from socialbot.runs.asking.languages import INTERROGATIVES, Language, lexicon
 

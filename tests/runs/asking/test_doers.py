@@ -10,7 +10,7 @@ from socialbot.core.vocabulary import Vocabulary
 from socialbot.runs.asking import answer
 from socialbot.runs.asking._facts import Facts
 from socialbot.runs.asking._sentences import Speech
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
 from socialbot.runs.run import RunView

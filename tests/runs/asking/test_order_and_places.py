@@ -15,7 +15,7 @@ from socialbot.runs.asking import answer
 from socialbot.runs.asking._answers import facts_of
 from socialbot.runs.asking._facts import Facts
 from socialbot.runs.asking._readings import candidates
-from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.folder import open_run
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording
