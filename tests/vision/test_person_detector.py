@@ -85,7 +85,7 @@ class Rig:
         self.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=width, height=height, k=k), time=0)
 
 
-DEPTH, CLOUD = "/camera/depth/image_raw", "/points"
+DEPTH = "/camera/depth/image_raw"
 
 
 def depth_at(metres: float, stamp: int, frame: str = "eye") -> DepthImage:

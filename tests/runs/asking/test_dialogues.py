@@ -7,7 +7,7 @@ import pytest
 from socialbot.runs.asking import Answer, answer
 from tests.runs.asking.waldo_run import person, run_of
 
-HELLO, OFFER = "Hello! Nice to see you.", "Can I help you with anything?"
+OFFER = "Can I help you with anything?"
 ASKED, THANKED = "Yes, please, where is the library?", "Thank you very much."
 
 
