@@ -261,12 +261,12 @@ def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Librar
 
 
 def warnings_of(program: Program) -> list[AgentSpeakError]:
-    """Return steps that fail when they are reached, and rules that never apply.
+    """Return steps that fail when they are reached, rules that never apply, and steps without ``;`` before them.
 
-    These are uses of variables without a value, conditions as actions, goals without plans, and beliefs that the
-    program adds with other numbers of arguments only.
+    The first two are uses of variables without a value, conditions as actions, goals without plans, and beliefs that
+    the program adds with other numbers of arguments only.
     """
-    found = []
+    found = list(program.omissions)
     library = library_of(program)
     doubts = (*goals_without_plans(library, program.goals), *beliefs_not_given(library, program.beliefs))
     for item, what, remedy, literal in doubts:

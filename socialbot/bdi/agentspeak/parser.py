@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak._terms import TermReader
-from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, Level, Source, qualified
+from socialbot.bdi.agentspeak.lexer import (
+    BINARY,
+    END,
+    KEYWORDS,
+    REMEDIES,
+    TRIGGERS,
+    AgentSpeakError,
+    Level,
+    Source,
+    qualified,
+)
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, PlanBody, Step, Update, While
@@ -33,6 +44,10 @@ _PLAN_BEGINS = frozenset({"+", "-", "^", "@"})
 """First tokens of plans."""
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
+
+_STEP_SIGNS = ("!", "!!", "?", "if", "while", "for")
+
+_NAME = re.compile(r"\.?[^\W\d]")
 
 _JOINS = {word for word, (level, _) in BINARY.items() if level <= Level.COMPARE}
 
@@ -79,7 +94,15 @@ def whole(text: str, file: str, read: Callable[[Any], T], make: Callable[[Source
 
 
 class Parser(TermReader):
-    """Parser of plans and plan bodies."""
+    """Parser of plans and plan bodies.
+
+    Attributes:
+        omissions: Warnings of steps without ``;`` before them, by token.
+    """
+
+    def __init__(self, source: Source) -> None:
+        super().__init__(source)
+        self.omissions: dict[int, AgentSpeakError] = {}
 
     def origin(self, start: int) -> Origin:
         source = self.source
@@ -277,9 +300,22 @@ class Parser(TermReader):
             steps += side
             if words[self.at] == ";":
                 self.at += 1
-            elif words[self.at - 1] != "}":
+            elif words[self.at - 1] != "}" and not self.begins_line():
                 break
         return tuple(steps)
+
+    def begins_line(self) -> bool:
+        """Check whether a step begins in a line of its own, where Jason needs no ``;`` before it; note the omission."""
+        word, source, at = self.words[self.at], self.source, self.at
+        if word not in _STEP_SIGNS and (word in REMEDIES or word in KEYWORDS or _NAME.match(word) is None):
+            return False
+        ended = source.start(at - 1) + len(self.words[at - 1])
+        if "\n" not in source.text[ended : source.start(at)]:
+            return False
+        if at not in self.omissions:
+            remedy = "write ';' after the step before, or '.' if its plan ends there"
+            self.omissions[at] = source.error(at, "there is no ';' before this step", remedy)
+        return True
 
     def side(self) -> tuple[Step, ...]:
         """Read an operand of `|&|` or `|||`: one step, or a body in braces or parentheses."""

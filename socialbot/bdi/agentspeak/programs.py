@@ -40,7 +40,7 @@ DIRECTIVES = {
 class Program:
     """Content of an AgentSpeak text with its included files; each kind in source order.
 
-    ``texts`` are the texts by file.
+    ``texts`` are the texts by file, ``omissions`` warnings of steps without ``;`` before them.
     """
 
     beliefs: tuple[Literal, ...]
@@ -48,6 +48,7 @@ class Program:
     goals: tuple[Literal, ...]
     plans: tuple[Plan, ...]
     texts: Mapping[str, str] = field(default_factory=dict)
+    omissions: tuple[AgentSpeakError, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -152,12 +153,15 @@ class ProgramParser(Parser):
         self.plans: list[Plan] = []
         self.labels: dict[str, Plan] = {}
         self.texts = {source.file: source.text}
+        self.omitted: list[AgentSpeakError] = []  # of included files
 
     def program(self) -> Program:
         self.components()
         if self.words[self.at] == "{":
             self.fail("a directive before '{ end }'")
-        return Program(tuple(self.beliefs), tuple(self.inferences), tuple(self.goals), tuple(self.plans), self.texts)
+        beliefs, goals = tuple(self.beliefs), tuple(self.goals)
+        omissions = (*self.omissions.values(), *self.omitted)
+        return Program(beliefs, tuple(self.inferences), goals, tuple(self.plans), self.texts, omissions)
 
     def components(self) -> None:
         """Read beliefs, goals, plans and directives up to the end of the text or of a directive."""
@@ -345,6 +349,7 @@ class ProgramParser(Parser):
         inner.labels = self.labels
         found = inner.program()
         self.texts.update(found.texts)
+        self.omitted += found.omissions
         self.beliefs += found.beliefs
         self.inferences += found.inferences
         self.goals += found.goals

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from socialbot.bdi import Atom, Belief, Engine, Goal
-from socialbot.bdi.agentspeak import AgentSpeakError, parse
+from socialbot.bdi.agentspeak import AgentSpeakError, parse, read_program
 from socialbot.bdi.agentspeak.loading import check, load, problems_of, warnings_of
+from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, said
@@ -230,3 +233,41 @@ def test_an_error_about_a_name_stands_at_a_step_not_in_a_comment_or_a_string(bef
         Engine("a", ManualClock()).add_text(text)
     line, column = caught.value.line, caught.value.column
     assert text.splitlines()[line - 1][column - 1 :] == ".nothing(2)."
+
+
+LINES = """+!g(X) <-
+   .print(a)
+   ?b(Y)
+   !sub(Y) // of b
+   if (Y > 1) { .print(c)
+                act }
+   Z = 2
+   for (b(W)) { .print(W) }
+   .print(Z)."""
+
+
+def test_a_step_in_a_line_of_its_own_needs_no_semicolon_before_it() -> None:
+    steps = ".print(a); ?b(Y); !sub(Y); if (Y > 1) { .print(c); act } Z = 2; for (b(W)) { .print(W) } .print(Z)"
+    program, written = parse(LINES, "me.asl"), parse(f"+!g(X) <- {steps}.")
+    assert agentspeak(program.plans[0]) == agentspeak(written.plans[0])
+    assert problems_of(program) == []
+    warned = [warning for warning in warnings_of(program) if warning.what.startswith("there is no ';'")]
+    assert [warning.where for warning in warned] == [
+        f"me.asl:{place}" for place in ("3:4", "4:4", "5:4", "6:17", "8:4")
+    ]
+    assert not [warning for warning in warnings_of(written) if warning.what.startswith("there is no ';'")]
+
+
+@pytest.mark.parametrize("step", ["+q(1)", "-q(1)", "{ b }", "and", "@l +!h", "not q(1)", "else { b }"])
+def test_other_words_in_a_line_of_their_own_are_no_step(step: str) -> None:
+    assert len(check(f"+!g <- a\n {step}.")) == 1
+
+
+def test_check_warns_of_missing_semicolons_in_included_files(tmp_path: Path) -> None:
+    (tmp_path / "inner.asl").write_text("+!g <- .print(a)\n .print(b).")
+    (tmp_path / "outer.asl").write_text('{ include("inner.asl") } !g.')
+    (warning,) = warnings_of(read_program(tmp_path / "outer.asl"))
+    assert (warning.where, warning.what.splitlines()[0]) == (
+        f"{tmp_path / 'inner.asl'}:2:2",
+        "there is no ';' before this step",
+    )
