@@ -283,6 +283,10 @@ def test_timed_initial_literals_may_come_at_the_start():
         ("(define (problem p))", "domain:1: this is no domain but a problem: (define (problem p) ...)"),
         ("(define (domain d) (:predicate (p)))", "unknown section ':predicate'\n  remedy: did you mean ':predicates'?"),
         ("(define (domain d) (:types a - b b - a))", "the type a is a sub-type of itself"),
+        (
+            "(define (domain d) (:types box room bolt - room))",
+            "the type room is a sub-type of itself\n  remedy: all types before a - get the type after it: write 'room - ob",
+        ),
         ("(define (domain d) (:types a - ))", "a type belongs after -"),
         ("(define (domain d) (:types object - a))", "object is the type of everything"),
         ("(define (domain d) (:types and))", "'and' cannot be the name of a type"),

@@ -191,7 +191,8 @@ class _DomainReader(_FileReader):
             graphlib.TopologicalSorter(found).prepare()
         except graphlib.CycleError as error:
             word = next(word for word, _ in listed if word.text in error.args[1])
-            raise names.error(f"the type {word} is a sub-type of itself", word) from error
+            remedy = f"all types before a - get the type after it: write '{word} - object' before the others"
+            raise names.error(f"the type {word} is a sub-type of itself", word, remedy) from error
         return found
 
     def _untyped(self, items: tuple[Sexpression, ...]) -> tuple[Sexpression, ...]:
