@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import JsonOption
+from socialbot.cli._options import JsonOption, many
 from socialbot.cli._runs import print_json
 from socialbot.core.errors import NodeError, PlanningError
 from socialbot.core.paths import read_text
@@ -57,7 +57,7 @@ def plan(
 
     with Console(stderr=True).status(escape(f"{planner} searches for a plan")):
         answer = make_planner(planner).solve(known, asked, PlannerLimits(timeout, memory, makespan_s=deadline))
-    _show(answer, planner, as_json)
+    _show(answer, planner, None if answer.plan is None else _metric(known, asked, answer.plan), as_json)
     codes = {
         PlannerVerdict.SOLVED: 0,
         PlannerVerdict.IMPOSSIBLE: IMPOSSIBLE,
@@ -67,7 +67,18 @@ def plan(
     raise typer.Exit(codes.get(answer.verdict, NodeError.exit_code))
 
 
-def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
+def _metric(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> float | None:
+    from socialbot.planning.pddl.validation import metric_value
+
+    return metric_value(domain, problem, plan)
+
+
+def _summary(plan: PddlPlan, metric: float | None) -> str:
+    valued = "" if metric is None else f", metric {metric:g}"
+    return f"{many(len(plan.steps), 'step')}, makespan {plan.makespan_s:.3f} s{valued}"
+
+
+def _show(answer: PlannerAnswer, planner: str, metric: float | None, as_json: bool) -> None:
     if as_json:
         data = {
             "planner": planner,
@@ -75,6 +86,7 @@ def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
             "message": answer.message,
             "seconds": round(answer.seconds, 4),
             "makespan_s": None if answer.plan is None else answer.plan.makespan_s,
+            "metric": metric,
             "steps": None if answer.plan is None else answer.plan.steps,
         }
         print_json(data)
@@ -84,8 +96,7 @@ def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
             Text.assemble((f"{answer.verdict.value}: ", "bold red"), answer.message or planner), soft_wrap=True
         )
         return
-    summary = f"{len(answer.plan.steps)} steps, makespan {answer.plan.makespan_s:.3f} s; {answer.verdict.value} by "
-    summary += f"{planner} in {answer.seconds:.2f} s"
+    summary = f"{_summary(answer.plan, metric)}; {answer.verdict.value} by {planner} in {answer.seconds:.2f} s"
     console = Console()
     if console.is_terminal:
         console.print(_table(answer.plan))
@@ -113,16 +124,16 @@ def _validate(domain: PddlDomain, problem: PddlProblem, file: Path, deadline: fl
     found = [str(fault) for fault in validate_plan(domain, problem, checked)]
     if deadline is not None and not in_time(checked, deadline):
         found.append(f"the plan lasts {checked.makespan_s:g} s, longer than {deadline:g} s")
-    _show_check(checked, found, as_json)
+    _show_check(checked, found, None if found else _metric(domain, problem, checked), as_json)
     raise typer.Exit(NOT_VALID if found else 0)
 
 
-def _show_check(checked: PddlPlan, found: Sequence[str], as_json: bool) -> None:
+def _show_check(checked: PddlPlan, found: Sequence[str], metric: float | None, as_json: bool) -> None:
     if as_json:
-        print_json({"valid": not found, "faults": found, "makespan_s": checked.makespan_s})
+        print_json({"valid": not found, "faults": found, "makespan_s": checked.makespan_s, "metric": metric})
         return
     if not found:
-        print_line(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")
+        print_line(f"valid: {_summary(checked, metric)}")
         return
     errors = Console(stderr=True)
     for fault in found:

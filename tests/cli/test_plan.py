@@ -71,6 +71,26 @@ def test_as_json(files):
     }  # fmt: skip
 
 
+COSTS = """(define (domain way) (:requirements :typing :action-costs) (:types place) (:predicates (at ?p - place))
+  (:functions (total-cost) - number (cost ?a ?b - place) - number)
+  (:action go :parameters (?a ?b - place) :precondition (at ?a)
+    :effect (and (not (at ?a)) (at ?b) (increase (total-cost) (cost ?a ?b)))))"""
+
+WAY = """(define (problem p) (:domain way) (:objects a b c - place) (:init (at a) (= (total-cost) 0) (= (cost a c) 30))
+  (:goal (at c)) (:metric minimize (+ (total-cost) (total-time))))"""
+
+
+def test_the_value_of_the_metric_is_part_of_the_summary(tmp_path):
+    files, plan = written(tmp_path, COSTS, WAY), tmp_path / "plan"
+    ended = socialbot(*files)
+    assert ended.stdout.startswith("; 1 step, makespan 0.000 s, metric 30; solved by kairos in ")
+    assert json.loads(socialbot(*files, "--json").stdout)["metric"] == 30
+    plan.write_text("2.5: (go a c)", "utf-8")
+    checked = socialbot(*files, "--validate", plan)
+    assert checked.stdout == "valid: 1 step, makespan 2.500 s, metric 32.5\n"
+    assert json.loads(socialbot(*files, "--validate", plan, "--json").stdout)["metric"] == 32.5
+
+
 def test_impossible_problem_has_an_exit_code(tmp_path):
     files = written(tmp_path, DOMAIN, PROBLEM.replace("(at rob hall)", ""))
     ended = socialbot(*files)

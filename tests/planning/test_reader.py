@@ -285,7 +285,7 @@ def test_timed_initial_literals_may_come_at_the_start():
         ("(define (domain d) (:types a - b b - a))", "the type a is a sub-type of itself"),
         (
             "(define (domain d) (:types box room bolt - room))",
-            "the type room is a sub-type of itself\n  remedy: all types before a - get the type after it: write 'room - ob",
+            "the type room is a sub-type of itself\n  remedy: all types before a - get the type after it: write",
         ),
         ("(define (domain d) (:types a - ))", "a type belongs after -"),
         ("(define (domain d) (:types object - a))", "object is the type of everything"),

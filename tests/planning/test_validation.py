@@ -12,7 +12,7 @@ from socialbot.planning.pddl.formulas import Fluent, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import ground
 from socialbot.planning.pddl.state import PddlState
-from socialbot.planning.pddl.validation import ReadWriteAnalysis, state_after, validate_plan
+from socialbot.planning.pddl.validation import ReadWriteAnalysis, metric_value, state_after, validate_plan
 from socialbot.planning.planners.planner import separated
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
@@ -361,3 +361,24 @@ def test_interference_counts_all_atoms_of_a_condition():
 def test_events_of_one_moment_happen_in_the_order_of_their_times():
     text = "0: (move crane_a bay stack) [5.0004]\n5: (pick crane_a box_2 box_1 stack) [3]"
     assert "(over crane_a stack) does not hold" in messages(text)[0]
+
+
+@pytest.mark.parametrize(
+    ("metric", "value"),
+    [
+        ("(:metric minimize (total-time))", 9.0),
+        ("(:metric maximize (- (far) total-time))", -4.0),
+        ("(:metric minimize (* 2 (far)))", 10.0),
+        ("(:metric minimize (unset))", None),
+        ("", None),
+    ],
+)
+def test_the_metric_is_evaluated_at_the_end_of_a_plan(metric: str, value: float | None) -> None:
+    domain = read_domain(
+        """(define (domain d) (:requirements :durative-actions :fluents) (:functions (far) (unset))
+        (:durative-action drive :parameters () :duration (= ?duration 4) :effect (at end (increase (far) 2))))"""
+    )
+    problem = read_problem(
+        f"(define (problem p) (:domain d) (:init (= (far) 0) (at 6 (= (far) 3))) (:goal (and)) {metric})", domain
+    )
+    assert metric_value(domain, problem, parse_plan("0: (drive) [4]\n5: (drive) [4]")) == value

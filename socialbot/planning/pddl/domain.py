@@ -111,6 +111,10 @@ class PddlDomain:
         return any(self.is_a(kind, one) for kind in types for one in wanted)
 
 
+TOTAL_TIME = "total-time"
+"""Function of metrics: the makespan of the plan."""
+
+
 @dataclass(frozen=True, slots=True)
 class Metric:
     """Metric of plans; ``total-time`` is a function without parameters."""

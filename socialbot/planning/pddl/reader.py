@@ -26,6 +26,7 @@ from socialbot.planning.pddl._parser import (
 )
 from socialbot.planning.pddl.domain import (
     OBJECT,
+    TOTAL_TIME,
     Metric,
     PddlAction,
     PddlDomain,
@@ -381,9 +382,7 @@ class _ProblemReader(_FileReader):
         if direction.text not in ("minimize", "maximize") or len(section.items) != 3:
             what = f"expected minimize or maximize and one expression: {section}"
             raise names.error(what, section, "(:metric minimize (total-time))")
-        names.domain = replace(
-            names.domain, functions={"total-time": Signature("total-time"), **names.domain.functions}
-        )
+        names.domain = replace(names.domain, functions={TOTAL_TIME: Signature(TOTAL_TIME), **names.domain.functions})
         return Metric(direction.text, self._formulas.expression(section.items[2], Scope()))  # pyright: ignore[reportArgumentType]
 
 

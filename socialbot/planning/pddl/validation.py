@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import (
+    TOTAL_TIME,
     PddlDomain,
     PddlPlan,
     PddlProblem,
@@ -320,6 +321,18 @@ def validate_plan(
     if wrong:
         return tuple(wrong)
     return tuple(_Simulation(domain, state, plan, problem.timed, running).run(problem.goal))
+
+
+def metric_value(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> float | None:
+    """Return the value of the metric of a problem after a valid plan; None if it has none or is undefined."""
+    if problem.metric is None:
+        return None
+    state = PddlState.of(problem, domain)
+    for _ in _Simulation(domain, state, plan, problem.timed, ()).run(None):
+        pass
+    if TOTAL_TIME not in domain.functions:
+        state.values[Fluent(TOTAL_TIME)] = plan.makespan_s
+    return evaluate(problem.metric.expression, state)
 
 
 def state_after(state: PddlState, plan: PddlPlan) -> PddlState:
