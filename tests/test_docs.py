@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
+import socialbot
 from socialbot.cli.main import command
 
 ROOT = Path(__file__).parents[1]
@@ -167,3 +168,16 @@ def test_shown_lines_of_rules_are_those_of_the_code():
     shown = [found for page in PAGES for found in RULE.findall(text_of(page))]
     assert shown
     assert [(rule, number) for rule, number in shown if rule not in code[int(number) - 1]] == []
+
+
+GROUPS = {"asl_actions"}  # groups of entry points that are no module
+
+
+def is_module(name: str) -> bool:
+    return any((ROOT / "socialbot" / file).exists() for file in (name, f"{name}.py"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_modules_of_socialbot_in_the_docs_exist(page):
+    names = set(re.findall(r"(?<![\w/.-])socialbot\.([a-z_]+)", text_of(page))) - GROUPS
+    assert [name for name in names if not hasattr(socialbot, name) and not is_module(name)] == []
