@@ -44,6 +44,12 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def need_index(pip: Path) -> None:
+    command = [pip, "install", "--quiet", "--dry-run", "--no-deps", "typer"]
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("there is no package index")
+
+
 class Installed:
     """An environment of its own with the wheel and one extra; commands run in an empty folder."""
 
@@ -51,9 +57,7 @@ class Installed:
         self.folder = folder
         self._bin = folder / "venv" / "bin"
         subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
-        index = [self._bin / "pip", "install", "--quiet", "--dry-run", "--no-deps", "typer"]
-        if subprocess.run(index, capture_output=True, check=False).returncode:
-            pytest.skip("there is no package index")
+        need_index(self._bin / "pip")
         (wheel,) = dist.glob("*.whl")
         self.pip("install", "--constraint", dist / "constraints.txt", f"{wheel}[{extra}]" if extra else wheel)
 
@@ -162,3 +166,18 @@ def test_cluster_of_dask(installed: Installed):
         with installed.background("dask", "worker", "--nworkers", 2, *here):
             address = json.loads(file.read_text())["address"]
             installed.socialbot("sweep", bag, "--set", "waldo.range_m=3,9", "--scheduler", address)
+
+
+def test_continuous_integration_installs_a_new_project(dist: Path, tmp_path: Path) -> None:
+    (line,) = set(re.findall(r"pip install .*\.$", (ROOT / "docs/howto/ci.md").read_text("utf-8"), re.MULTILINE))
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    need_index(tmp_path / "venv/bin/pip")
+    subprocess.run([sys.executable, "-m", "socialbot", "new", "my_robot"], cwd=tmp_path, check=True)
+    shutil.copytree(dist, tmp_path / "my_robot/wheels")
+    path = f"{tmp_path / 'venv/bin'}:/usr/bin:/bin"
+    command = ["sh", "-c", f"{line} --dry-run"]
+    done = subprocess.run(
+        command, cwd=tmp_path / "my_robot", env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    assert "my_robot-0.1.0" in done.stdout, done.stderr
+    assert "socialbot-0.1.0" in done.stdout
