@@ -254,3 +254,37 @@ def test_deep_solutions_that_are_not_needed_are_closed_one_after_the_other(quest
     assert said(text + "+!go <- .print(no).") == ["yes" if question[0] == "d" else "no"]
     [depth] = depths
     assert depth < 200
+
+
+@asl_action(".turn")
+async def turn(agent, angle):
+    await asyncio.sleep(0)
+
+
+@asl_action(".shelf.of")
+def shelf_of(agent, fruit):
+    yield from ("top", "low") if str(fruit) == "apple" else ("low",)
+
+
+def test_an_internal_action_of_ones_own_may_begin_with_a_dot():
+    text = (
+        "!go. +!go <- .turn(90); for (.shelf.of(apple, S)) { .print(S) }; if (not .shelf.of(pear, top)) { .print(no) }."
+    )
+    assert check(text) == []
+    engine, lines = Engine("me", WallClock()), []
+    engine.out = lines.append
+    engine.add_text(text)
+    threading.Timer(0.5, engine.stop).start()
+    engine.run()
+    assert lines == ["top", "low", "no"]
+
+
+def test_its_number_of_arguments_is_checked():
+    (problem,) = check("+!go <- .turn.")
+    assert problem.what.startswith(".turn takes 1 to 100 arguments")
+
+
+@pytest.mark.parametrize("name", [".print", ".set.add"])
+def test_internal_actions_of_agentspeak_are_not_replaced(name):
+    with pytest.raises(RuleError, match=f"'{name}' cannot be the name of an action: AgentSpeak has it"):
+        asl_action(name)(lambda agent: None)

@@ -28,9 +28,7 @@ def internals() -> dict[str, Internal]:
 
 def find(name: str) -> Internal | None:
     """Find an internal action by name; the first unknown name with a dot imports the entry points."""
-    if name[:1] == ".":
-        return internals().get(name)
-    if "." in name and name not in INTERNALS:
+    if name not in (internals() if name[:1] == "." else INTERNALS) and "." in name:
         from socialbot.bdi.stdlib.actions import load_entry_points
 
         load_entry_points()
@@ -60,7 +58,7 @@ def called(action: Literal, *, condition: bool = False) -> Internal:
         return _missing(action.functor)
     if entry is None:
         near = difflib.get_close_matches(action.functor, internals(), 1)
-        own = f"one of your own has a library in its name, as my{action.functor}"
+        own = f'register one of your own in Python, with @asl_action("{action.functor}")'
         raise RuleError(
             f"there is no internal action {action.functor}",
             remedy=f"did you mean {near[0]}? Otherwise, {own}" if near else own,

@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any, TypeVar, overload
 
 from socialbot.bdi.intentions import Failed
+from socialbot.bdi.stdlib import internals
 from socialbot.bdi.stdlib.registry import INTERNALS, Args, Internal
 from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
@@ -46,9 +47,10 @@ def asl_action(function: str | None = None, *, results: int | None = None) -> Ca
 def asl_action(function: Any = None, *, results: int | None = None) -> Any:
     """Register a function as an action of all AgentSpeak programs; it decorates a function.
 
-    The agent (`Engine`) is the first argument. A name with a dot, as in ``@asl_action("geo.near")``, makes an internal
-    action, which can also be a condition: each value that the function yields is a solution. Other actions are steps of
-    plans, and take the first value. An ``async def`` pauses the plan only.
+    The agent (`Engine`) is the first argument. A name with a dot, as in ``@asl_action("geo.near")`` or
+    ``@asl_action(".near")``, makes an internal action, which can also be a condition: each value that the function
+    yields is a solution. Other actions are steps of plans, and take the first value. An ``async def`` pauses the plan
+    only.
 
     Args:
         function: The function, whose name the action has, or the name of the action.
@@ -124,12 +126,14 @@ _functions: dict[str, Callable[..., Any]] = {}
 
 
 def _register(name: str, function: Callable[..., Any], results: int | None) -> None:
-    parts = name.split(".")
-    if not all(part.isidentifier() for part in parts) or not name[0].islower():
+    plain = name.removeprefix(".")
+    if not all(part.isidentifier() for part in plain.split(".")) or not plain[0].islower():
         raise RuleError(
             f"{name!r} cannot be the name of an action",
-            remedy="begin with a small letter; use letters, digits, _ and dots",
+            remedy="begin with a small letter, or a dot before it; use letters, digits, _ and dots",
         )
+    if name[0] == "." and name not in _functions and name in internals():
+        raise RuleError(f"{name!r} cannot be the name of an action: AgentSpeak has it", remedy="choose another name")
     known = _functions.get(name)
     if known is not None and (known.__module__, known.__qualname__) != (function.__module__, function.__qualname__):
         raise RuleError(
@@ -142,7 +146,7 @@ def _register(name: str, function: Callable[..., Any], results: int | None) -> N
         _number_of_inputs.cache_clear()
         for functions in DIRECT.values():
             functions.clear()
-    if len(parts) > 1:
+    if "." in name:
         least, _ = parameters(function)
         pauses = inspect.iscoroutinefunction(function)
         solve = functools.partial(_step if pauses else _solutions, name, function)

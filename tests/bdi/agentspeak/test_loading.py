@@ -153,8 +153,11 @@ def _refused(text: str, file: str) -> list[AgentSpeakError]:
     ("step", "remedy"),
     [
         (".nth(0, [a])", "`.nth(I, L, X)`: X is the item"),
-        (".leng([a], N)", "did you mean .length? Otherwise, one of your own has a library in its name, as my.leng"),
-        (".zzz(1)", "one of your own has a library in its name, as my.zzz"),
+        (
+            ".leng([a], N)",
+            'did you mean .length? Otherwise, register one of your own in Python, with @asl_action(".leng")',
+        ),
+        (".zzz(1)", 'register one of your own in Python, with @asl_action(".zzz")'),
     ],
 )
 def test_a_wrong_internal_action_comes_with_its_usage(step: str, remedy: str) -> None:
