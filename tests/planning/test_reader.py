@@ -471,6 +471,13 @@ def test_derived_predicates_can_neither_be_given_nor_changed():
         small(rule + "(:action a :effect (p c1))")
 
 
+def test_the_head_of_a_derived_predicate_without_types_has_those_of_the_predicate():
+    untyped, typed = (small(f"(:derived (q {head}) (and (p ?a) (= (m ?b) 1)))") for head in ("?a ?b", "?a ?b - box"))
+    assert untyped.derived == typed.derived
+    with pytest.raises(PlanningError, match=r"\?b does not fit the predicate: \(q \?x \?y - box\)"):
+        small("(:derived (q ?a - box ?b - lid) (p ?a))")
+
+
 def test_files_are_named_in_errors():
     with pytest.raises(PlanningError) as caught:
         read_domain("(define\n(domain d)\n(:action a :effect (p)))", where="shop.pddl")

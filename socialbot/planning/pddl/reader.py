@@ -228,11 +228,14 @@ class _DomainReader(_FileReader):
                 raise names.unknown("predicate", signature.name, names.domain.predicates, head)
             if len(declared.parameters) != len(signature.parameters):
                 raise names.error(f"the predicate is declared as {declared}", head)
+            parameters = []
             for own, wanted in zip(signature.parameters, declared.parameters, strict=True):
-                if not names.domain.fits(own.types, wanted.types):
+                types = wanted.types if own.types == (OBJECT,) else own.types  # domains in use leave the types out
+                if not names.domain.fits(types, wanted.types):
                     raise names.error(f"{own.name} does not fit the predicate: {declared}", head)
-            formula = self._formulas.formula(condition, Scope().within(signature.parameters))
-            rules.setdefault(signature.name, []).append((signature.parameters, formula))
+                parameters.append(TypedName(own.name, types))
+            formula = self._formulas.formula(condition, Scope().within(parameters))
+            rules.setdefault(signature.name, []).append((tuple(parameters), formula))
         derived: dict[str, tuple[tuple[TypedName, ...], Formula]] = {}
         for name, alike in rules.items():
             derived[name] = alike[0]
