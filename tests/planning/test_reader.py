@@ -32,7 +32,7 @@ from socialbot.planning.pddl.formulas import (
     TypedName,
     UniversalEffect,
 )
-from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.pddl.reader import planner_text, read_domain, read_problem
 from tests.planning.random_worlds import domain_text, problem_text
 from tests.planning.texts import CELLAR, CRANE, CRANE_PROBLEM, crane, mutated
 
@@ -476,6 +476,23 @@ def test_the_head_of_a_derived_predicate_without_types_has_those_of_the_predicat
     assert untyped.derived == typed.derived
     with pytest.raises(PlanningError, match=r"\?b does not fit the predicate: \(q \?x \?y - box\)"):
         small("(:derived (q ?a - box ?b - lid) (p ?a))")
+
+
+GLUED = """(define (domain d) (:requirements :typing :durative-actions :fluents) (:types place robot)
+  (:predicates (at ?r -robot ?p -place)) (:functions (n) (far ?a ?b -place))
+  (:durative-action go :parameters (?r -robot ?a ?b -place)
+    :duration (and (>=?duration 1) (<=?duration (far ?a ?b)))
+    :condition (and (at start (at ?r ?a)) (at start (>(n)-5)))
+    :effect (at end (decrease (n) (*?duration -2)))))"""
+
+
+def test_operators_need_no_blank_after_them():
+    spaced = GLUED.replace("=?", "= ?").replace("*?", "* ?").replace(">(n)-5", "> (n) -5")
+    for name in ("robot", "place"):
+        spaced = spaced.replace(f"-{name}", f"- {name}")
+    glued, wanted = read_domain(GLUED), read_domain(spaced)
+    assert (glued.actions, glued.predicates, glued.functions) == (wanted.actions, wanted.predicates, wanted.functions)
+    assert planner_text("(=?duration .5) ?r -robot -5 a-?b") == "(= ?duration 0.5) ?r - robot -5 a-?b"
 
 
 def test_files_are_named_in_errors():

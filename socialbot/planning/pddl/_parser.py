@@ -13,6 +13,12 @@ from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
 from socialbot.planning.pddl.formulas import Terms, TypedName
 
 TOKEN = re.compile(r"[()]|[^\s()]+")
+_OPERATOR = re.compile(r"(?<![^\s()])(?:(?:[<>]=?|[=*/+-])(?=\?)|-(?=[^\W\d]))")
+
+
+def spaced(text: str) -> str:
+    """Return PDDL with a blank between an operator and the word after it: ``(=?duration 5)``, ``?r -robot``."""
+    return _OPERATOR.sub(lambda found: f"{found[0]} ", text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +63,7 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
     end = nested = 0
     open_groups: list[tuple[int, list[Sexpression]]] = []
     for number, line in enumerate(text.removeprefix("\ufeff").lower().split("\n"), 1):
-        for token in TOKEN.findall(line.partition(";")[0]):
+        for token in TOKEN.findall(spaced(line.partition(";")[0])):
             if whole is not None and token != ")" and whole.head != "define":
                 what = f"expected (define ...), found ({whole.head} ...)"
                 raise PlanningError(what, where=f"{where}:{whole.line}", remedy="remove it; a file begins with (define")
@@ -65,7 +71,8 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
                 raise PlanningError(
                     f"unexpected text after the end: {token!r}",
                     where=f"{where}:{number}",
-                    remedy=f"remove it, or the extra parenthesis before it; (define ends in line {end}",
+                    remedy=f"remove it, write it into a file of its own, or remove the extra parenthesis before it; "
+                    f"(define ends in line {end}",
                 )
             if whole is not None:
                 continue

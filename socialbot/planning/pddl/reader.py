@@ -23,6 +23,7 @@ from socialbot.planning.pddl._parser import (
     Vocabulary,
     is_number,
     read_sexpression,
+    spaced,
 )
 from socialbot.planning.pddl.domain import (
     OBJECT,
@@ -390,8 +391,8 @@ class _ProblemReader(_FileReader):
 
 
 def planner_text(text: str) -> str:
-    """Return PDDL with all numbers as the standard writes them: ``.5`` and ``5.`` are refused by some planners."""
-    return TOKEN.sub(lambda found: _standard_number(found[0]), text)
+    """Return PDDL as the standard writes it: some planners refuse numbers such as ``.5``, and ``=?duration``."""
+    return TOKEN.sub(lambda found: _standard_number(found[0]), spaced(text))
 
 
 def _standard_number(token: str) -> str:
