@@ -11,10 +11,10 @@ from evaluation.warehouse_planning import first_question
 from socialbot.planning.pddl import reachability
 from socialbot.planning.pddl.domain import PddlProblem
 from socialbot.planning.pddl.formulas import And, Predicate
-from socialbot.planning.pddl.reachability import unreachable_goals
+from socialbot.planning.pddl.reachability import functions_without_values, unreachable_goals
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict, explained
 from tests.planning.random_worlds import random_pair
 
 
@@ -105,3 +105,30 @@ def test_a_problem_that_is_too_large_has_no_reason(monkeypatch):
     monkeypatch.setattr(reachability, "MAX_BINDINGS", 100)
     question = first_question(6)
     assert unreachable_goals(question.domain, without_box(question.problem, "box_a2")) == ()
+
+
+FUEL = """(define (domain d) (:requirements :fluents) (:predicates (done)) (:functions (fuel) (level ?x) (set) (unread))
+  (:action go :parameters (?x) :precondition (and (> (fuel) 1) (> (set) 0) (> (level ?x) 0))
+    :effect (and (done) (decrease (fuel) 1)))
+  (:action fill :parameters () :precondition (done) :effect (assign (set) 1)))"""
+
+
+@pytest.mark.parametrize(
+    ("init", "named"),
+    [("", ["fuel", "level"]), ("(= (fuel) 2)", ["level"]), ("(= (fuel) 2) (at 3 (= (level a) 1))", [])],
+)
+def test_functions_without_any_value_are_named(init: str, named: list[str]) -> None:
+    domain = read_domain(FUEL)
+    problem = read_problem(f"(define (problem p) (:domain d) (:objects a) (:init {init}) (:goal (done)))", domain)
+    assert [one.name for one in functions_without_values(domain, problem)] == named
+
+
+def test_an_answer_without_a_plan_names_functions_without_values() -> None:
+    domain = read_domain(FUEL)
+    problem = read_problem("(define (problem p) (:domain d) (:objects a) (:init) (:goal (done)))", domain)
+    hint = "; no value is given for (fuel), (level ?x - object), and conditions on it never hold: write one into :init"
+    answer = explained(PlannerAnswer(PlannerVerdict.IMPOSSIBLE, message="no plan"), domain, problem)
+    assert answer.message == f"nothing can make (done) true{hint}"
+    reached = replace(problem, goal=And(()))
+    answer = explained(PlannerAnswer(PlannerVerdict.GAVE_UP, message="no plan"), domain, reached)
+    assert answer.message == f"no plan{hint}"

@@ -10,10 +10,10 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Literal
 
-from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlPlan, PddlProblem, PlanStep
+from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlPlan, PddlProblem, PlanStep, Signature
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
@@ -21,6 +21,7 @@ from socialbot.planning.pddl.formulas import (
     Delete,
     Effect,
     Equality,
+    Fluent,
     Formula,
     Not,
     NumericComparison,
@@ -62,6 +63,27 @@ def unreachable_goals(domain: PddlDomain, problem: PddlProblem) -> tuple[Unreach
         return ()
     missing = [goal for goal in goals if not relaxed.may_hold(goal)]
     return tuple(UnreachableGoal(goal, relaxed.reason(goal)) for goal in missing)
+
+
+def functions_without_values(domain: PddlDomain, problem: PddlProblem) -> tuple[Signature, ...]:
+    """Return the functions that actions or the goal read, and that have no value for any objects, now or later."""
+    effects = [timed.effect for action in domain.actions.values() for timed in action.effects]
+    changes = simple_effects((*effects, *(timed.effect for timed in problem.timed)))
+    assigned = {one.fluent.name for one in changes if isinstance(one, NumericEffect) and one.operator == "assign"}
+    known = assigned | {fluent.name for fluent in problem.values}
+    read = set(_functions_in((*domain.actions.values(), *domain.derived.values(), problem.goal)))
+    return tuple(signature for name, signature in domain.functions.items() if name in read - known)
+
+
+def _functions_in(part: object) -> Iterator[str]:
+    if isinstance(part, Fluent):
+        yield part.name
+    elif isinstance(part, tuple):
+        for each in part:
+            yield from _functions_in(each)
+    elif is_dataclass(part):
+        for each in fields(part):
+            yield from _functions_in(getattr(part, each.name))
 
 
 def losing_step(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, goals: Iterable[Formula]) -> PlanStep | None:
