@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,11 +53,16 @@ def plan(
     if validate is not None:
         _validate(known, asked, validate, deadline, as_json)
         return
+    from socialbot.planning.pddl.reachability import functions_without_values
     from socialbot.planning.planners.engines import make_planner
     from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
 
     with Console(stderr=True).status(escape(f"{planner} searches for a plan")):
         answer = make_planner(planner).solve(known, asked, PlannerLimits(timeout, memory, makespan_s=deadline))
+    unset = functions_without_values(known, asked)
+    if answer.verdict in (PlannerVerdict.IMPOSSIBLE, PlannerVerdict.GAVE_UP) and unset:
+        hint = "no value is given for {}, and conditions on it never hold: write one into :init"
+        answer = replace(answer, message=f"{answer.message}; {hint.format(', '.join(map(str, unset)))}")
     _show(answer, planner, None if answer.plan is None else _metric(known, asked, answer.plan), as_json)
     codes = {
         PlannerVerdict.SOLVED: 0,

@@ -91,6 +91,15 @@ def test_the_value_of_the_metric_is_part_of_the_summary(tmp_path):
     assert json.loads(socialbot(*files, "--validate", plan, "--json").stdout)["metric"] == 32.5
 
 
+def test_functions_without_a_value_are_named_if_there_is_no_plan(tmp_path):
+    files = written(tmp_path, COSTS, WAY.replace("(= (cost a c) 30)", ""))
+    ended = socialbot(*files)
+    assert ended.returncode == 10
+    hint = "no value is given for (cost ?a ?b - place), and conditions on it never hold: write one into :init"
+    assert ended.stderr.strip().endswith(f"; {hint}")
+    assert json.loads(socialbot(*files, "--json").stdout)["message"].endswith(f"; {hint}")
+
+
 def test_impossible_problem_has_an_exit_code(tmp_path):
     files = written(tmp_path, DOMAIN, PROBLEM.replace("(at rob hall)", ""))
     ended = socialbot(*files)

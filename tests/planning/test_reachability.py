@@ -14,7 +14,7 @@ from socialbot.planning.pddl.formulas import And, Predicate
 from socialbot.planning.pddl.reachability import functions_without_values, unreachable_goals
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.planners.engines import make_planner
-from socialbot.planning.planners.planner import PlannerAnswer, PlannerLimits, PlannerVerdict, explained
+from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
 from tests.planning.random_worlds import random_pair
 
 
@@ -121,14 +121,3 @@ def test_functions_without_any_value_are_named(init: str, named: list[str]) -> N
     domain = read_domain(FUEL)
     problem = read_problem(f"(define (problem p) (:domain d) (:objects a) (:init {init}) (:goal (done)))", domain)
     assert [one.name for one in functions_without_values(domain, problem)] == named
-
-
-def test_an_answer_without_a_plan_names_functions_without_values() -> None:
-    domain = read_domain(FUEL)
-    problem = read_problem("(define (problem p) (:domain d) (:objects a) (:init) (:goal (done)))", domain)
-    hint = "; no value is given for (fuel), (level ?x - object), and conditions on it never hold: write one into :init"
-    answer = explained(PlannerAnswer(PlannerVerdict.IMPOSSIBLE, message="no plan"), domain, problem)
-    assert answer.message == f"nothing can make (done) true{hint}"
-    reached = replace(problem, goal=And(()))
-    answer = explained(PlannerAnswer(PlannerVerdict.GAVE_UP, message="no plan"), domain, reached)
-    assert answer.message == f"no plan{hint}"

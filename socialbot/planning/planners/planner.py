@@ -19,7 +19,7 @@ from socialbot.planning.pddl.causal_order import contributing
 from socialbot.planning.pddl.detours import without_detours
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.formulas import Formula
-from socialbot.planning.pddl.reachability import functions_without_values, unreachable_goals
+from socialbot.planning.pddl.reachability import unreachable_goals
 from socialbot.planning.pddl.reader import planner_text, read_problem
 from socialbot.planning.pddl.restriction import KEPT_OPTIONS, with_fewer_options
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
@@ -257,15 +257,14 @@ class ChildPlanner(ABC):
 
 
 def explained(answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
-    """Return an answer without a plan that names the goals that nothing can make true, or functions without values."""
+    """Return an answer without a plan that names the goals that nothing can make true, if there are any."""
     goals = unreachable_goals(domain, problem)
-    unset = ", ".join(map(str, functions_without_values(domain, problem)))
-    hint = f"; no value is given for {unset}, and conditions on it never hold: write one into :init" if unset else ""
     if not goals:
-        return replace(answer, message=f"{answer.message}{hint}")
-    message = f"{'; '.join(map(str, goals))}{hint}"
+        return answer
     unreachable = tuple(goal.goal for goal in goals)
-    return replace(answer, verdict=PlannerVerdict.IMPOSSIBLE, message=message, unreachable=unreachable)
+    return replace(
+        answer, verdict=PlannerVerdict.IMPOSSIBLE, message="; ".join(map(str, goals)), unreachable=unreachable
+    )
 
 
 def separated(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> tuple[PddlPlan, tuple[PlanFault, ...]]:
