@@ -45,6 +45,10 @@ def test_constants_and_a_goal_that_is_missing_are_left_out():
     assert text == "(define (problem p)\n  (:domain d)\n  (:objects\n    b - t)\n  (:init))\n"
 
 
+def test_a_name_that_planners_refuse_is_made_one():
+    assert problem_text(PddlProblem("07", "d")).startswith("(define (problem problem-07)\n")
+
+
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.booleans())
 def test_written_problems_are_read_unchanged(seed, with_metric):

@@ -245,8 +245,9 @@ def problem_text(problem: PddlProblem, constants: Container[str] = ()) -> str:
     """Return a problem in PDDL without the ``constants`` of its domain; equal problems have equal texts."""
     objects = (TypedName(name, types) for name, types in problem.objects.items() if name not in constants)
     values = [f"(= {fluent} {number_text(value)})" for fluent, value in problem.values.items()]
+    name = problem.name if problem.name[:1].isalpha() else f"problem-{problem.name}"  # some are numbers
     lines = [
-        f"(define (problem {problem.name})",
+        f"(define (problem {name})",
         f"  (:domain {problem.domain})",
         _section(":objects", (typed_text([one]) for one in sorted(objects, key=lambda one: (one.types, one.name)))),
         _section(":init", [*sorted(map(str, problem.facts)), *sorted(values), *map(str, problem.timed)]),
