@@ -65,6 +65,9 @@ WHEELS: Mapping[str, str] = MappingProxyType(
 )
 """Tested versions of the ROS wheels, as in pyproject.toml."""
 
+CHANNEL_VARIABLE = "SOCIALBOT_LIFELINE"
+"""Variable of a node process with the file descriptor of the channel to its supervisor."""
+
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 

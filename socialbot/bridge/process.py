@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bridge import environment
 from socialbot.bridge.detached_seals import seal_topic
-from socialbot.bridge.environment import ros_context, spinning_node
+from socialbot.bridge.environment import CHANNEL_VARIABLE, ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending, end_within
@@ -174,7 +174,6 @@ def _logging_to(hosts: Iterable[NodeHost]) -> Iterator[None]:
         root.setLevel(level)
 
 
-CHANNEL_VARIABLE = "SOCIALBOT_LIFELINE"  # the environment variable with the file descriptor of the channel
 _MAX_BYTES = 4096
 _MAX_TOPICS = 12  # names of topics have up to 256 characters
 NOTHING_LOST: Mapping[str, int] = MappingProxyType({})

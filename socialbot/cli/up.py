@@ -48,6 +48,9 @@ def up(
     verbose: options.VerboseOption = False,
 ) -> None:
     """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
+    from socialbot.runtime.fork_server import started_early
+
+    context.with_resource(started_early())  # beside the imports below, which take longest on a busy machine
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
     from socialbot.cli.foxglove import shown_in_foxglove
     from socialbot.cli.inspect import watched
@@ -55,7 +58,6 @@ def up(
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import LOGS, RunTrace, log_bytes
-    from socialbot.runs.serving import Address, token_given
     from socialbot.runtime.deployment import is_deployment, load_deployment
     from socialbot.runtime.machine import LiveSource, machine_source
     from socialbot.runtime.run import new_run_folder, run
@@ -88,6 +90,8 @@ def up(
             context.with_resource(guarded())  # until the node of the page has left DDS
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
         if show_foxglove:
+            from socialbot.runs.serving import Address, token_given
+
             address = Address(foxglove_host, foxglove_port, token_given(None))
             context.with_resource(shown_in_foxglove(record, whole, console, address))
         try:

@@ -14,19 +14,19 @@ from collections import deque
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Annotated, BinaryIO, Protocol
 
 import msgspec
 
 from socialbot.bridge import environment
-from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.paths import replace_file
 from socialbot.core.process import ENDING_SIGNALS, proc_stat, python_command
 from socialbot.core.process_guard import guard_child
 from socialbot.core.reading import open_file
-from socialbot.graph.files import dump_graph
-from socialbot.graph.node import Graph
+
+if TYPE_CHECKING:
+    from socialbot.graph.node import Graph
 
 log = logging.getLogger("socialbot.processes")
 
@@ -72,7 +72,7 @@ def start_process(
     """
     inherited = {**environment_of(log_path.parent), **variables}
     if channel is not None:
-        inherited[CHANNEL_VARIABLE] = str(channel)
+        inherited[environment.CHANNEL_VARIABLE] = str(channel)
     with opened_log(log_path) as output, blocked_signals():
         process = subprocess.Popen(
             python_command("-m", "socialbot", *until_parent_ends(arguments)),
@@ -242,6 +242,8 @@ def _end_of(log: Path) -> str:
 
 def write_graph(graph: Graph, folder: Path) -> Path:
     """Write ``graph`` to ``folder``, all of it or nothing; return the file. Raises OSError."""
+    from socialbot.graph.files import dump_graph
+
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "graph.yaml"
     replace_file(file, dump_graph(graph).encode())

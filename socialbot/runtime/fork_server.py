@@ -1,17 +1,20 @@
 """Fork server: starts node processes quickly, as forks of a process that has imported their modules.
 
-``python -m socialbot.runtime.fork_server FILE MODULE...`` imports the modules and serves requests from file descriptor
-FILE until the connection breaks. The server has no threads, which a fork would lose. It does not import rclpy, whose
-libraries start threads, but the modules that rclpy imports first.
+``python -m socialbot.runtime.fork_server FILE`` imports what every node needs. Then it receives a `Setting` and serves
+requests from file descriptor FILE until the connection breaks. The server has no threads, which a fork would lose. It
+does not import rclpy, whose libraries start threads, but the modules that rclpy imports first.
 
-Each fork is a child of the requesting process, so it outlives the server and keeps its exit code.
+Each fork is a child of the requesting process, so it outlives the server and keeps its exit code. This module imports
+little, so that `started_early` works beside the other imports of a command.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import importlib
+import inspect
 import logging
 import os
 import signal
@@ -23,16 +26,13 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from socialbot.bags.types import known_types
-from socialbot.bridge.environment import has_keys
-from socialbot.bridge.process import CHANNEL_VARIABLE
+from socialbot.bridge.environment import CHANNEL_VARIABLE, has_keys
 from socialbot.core.process import python_command
 from socialbot.core.process_guard import guard_child
-from socialbot.graph.node import Graph
 from socialbot.runtime._processes import (
     Process,
     blocked_signals,
@@ -41,6 +41,9 @@ from socialbot.runtime._processes import (
     start_process,
     until_parent_ends,
 )
+
+if TYPE_CHECKING:
+    from socialbot.graph.node import Graph
 
 log = logging.getLogger("socialbot.fork_server")
 
@@ -60,7 +63,10 @@ PRELOADED = (
     "rosidl_generator_py",
     "rosidl_parser.definition",
     "sensor_msgs.msg",
+    "socialbot.bags.types",
     "socialbot.bridge._node_thread",
+    "socialbot.bridge.process",
+    "socialbot.graph.files",
     "std_msgs.msg",
     "type_description_interfaces.srv",
     "yaml",
@@ -70,6 +76,17 @@ PRELOADED = (
 # From the headers of Linux.
 PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
+
+
+class Setting(NamedTuple):
+    """What a server gets first: the module search ``path``, ``modules`` to import, and changes of its environment.
+
+    A variable without a value is removed.
+    """
+
+    path: list[str]
+    modules: list[str]
+    variables: dict[str, str | None]
 
 
 class ForkRequest(NamedTuple):
@@ -115,6 +132,57 @@ class ForkedProcess:
         self.send_signal(signal.SIGKILL)
 
 
+class _Server:
+    """Server process that is connected to this one, and has no setting yet."""
+
+    def __init__(self) -> None:
+        self.variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self.socket.settimeout(ANSWER_S)
+            with theirs, blocked_signals():
+                self.process = subprocess.Popen(
+                    python_command("-m", "socialbot.runtime.fork_server", str(theirs.fileno())),
+                    env=self.variables,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,
+                    pass_fds=(theirs.fileno(),),
+                )
+        except OSError:
+            self.socket.close()
+            raise
+
+    def set(self, modules: Sequence[str], variables: Mapping[str, str]) -> None:
+        """Send the setting: ``variables`` become the environment."""
+        changed: dict[str, str | None] = dict.fromkeys(self.variables.keys() - variables.keys())
+        changed |= {name: value for name, value in variables.items() if self.variables.get(name) != value}
+        self.socket.send(msgspec.json.encode(Setting(list(sys.path), list(modules), changed)))
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.socket.close()
+
+
+_early: _Server | None = None
+
+
+@contextmanager
+def started_early() -> Iterator[None]:
+    """Start a server in the background, which the first `ForkServer` in this block takes."""
+    global _early
+    with contextlib.suppress(OSError):  # then it is tried again when there is a graph
+        _early = _Server() if sys.platform == "linux" else None
+    try:
+        yield
+    finally:
+        if _early is not None:
+            _early.close()
+        _early = None
+
+
 class ForkServer:
     """Client of a fork server for the nodes of ``graph``, with logs in ``folder``; call `close` at the end.
 
@@ -127,27 +195,21 @@ class ForkServer:
         self._modules = sorted(module for module in modules if module.startswith("socialbot."))
         self._folder = folder
         self._servers_left = MAX_SERVERS if sys.platform == "linux" else 0
-        self._server: subprocess.Popen[bytes] | None = None
-        self._socket: socket.socket | None = None
+        self._server: _Server | None = None
 
     def prepare(self) -> None:
         """Start the server in the background."""
-        if self._socket is not None or not self._servers_left:
+        global _early
+        if self._server is not None or not self._servers_left:
             return
         self._servers_left -= 1
-        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket.settimeout(ANSWER_S)
-        with theirs, blocked_signals():
-            self._server = subprocess.Popen(
-                python_command("-m", "socialbot.runtime.fork_server", str(theirs.fileno()), *self._modules),
-                env=environment_of(self._folder),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-                pass_fds=(theirs.fileno(),),
-            )
-        guard_child(self._server.pid)
+        try:
+            self._server, _early = _early or _Server(), None
+            guard_child(self._server.process.pid)
+            self._server.set(self._modules, environment_of(self._folder))
+        except OSError as error:
+            log.warning("no fork server: %s", error)
+            self.close()
 
     def start(
         self, arguments: list[str], log: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
@@ -163,29 +225,27 @@ class ForkServer:
     @property
     def server_pid(self) -> int | None:
         """The process id of the server, if it runs."""
-        return None if self._server is None else self._server.pid
+        return None if self._server is None else self._server.process.pid
 
     def close(self) -> None:
         if self._server is not None:
-            self._server.kill()
-            self._server.wait()
-        if self._socket is not None:
-            self._socket.close()
-        self._server = self._socket = None
+            self._server.close()
+        self._server = None
 
     def _request(
         self, arguments: list[str], file: Path, variables: Mapping[str, str], channel: int | None
     ) -> int | None:
         """Return the process id of a fork; None without a working server."""
-        if self._socket is None:
+        if self._server is None:
             return None
+        connection = self._server.socket
         request = msgspec.json.encode(ForkRequest(file.stem, until_parent_ends(arguments), dict(variables)))
         with opened_log(file) as output:
             files = [output.fileno(), *([] if channel is None else [channel])]
             try:
                 with _adopting_orphans():
-                    socket.send_fds(self._socket, [request], files)
-                    if answer := self._socket.recv(MAX_ANSWER_BYTES):
+                    socket.send_fds(connection, [request], files)
+                    if answer := connection.recv(MAX_ANSWER_BYTES):
                         return int(answer)
                 error = "the fork server has stopped"
             except OSError as failure:
@@ -212,19 +272,37 @@ def _adopting_orphans() -> Iterator[None]:
 def main() -> None:
     """Serve fork requests until the connection breaks."""
     connection = socket.socket(fileno=int(sys.argv[1]))
-    for module in (*PRELOADED, *sys.argv[2:]):
+    for module in PRELOADED:
         importlib.import_module(module)
-    if has_keys():
-        known_types()  # of sealed images
     from socialbot.__main__ import prepare, run
 
     prepare("node")
+    if not (data := connection.recv(MAX_REQUEST_BYTES)):
+        return
+    apply(msgspec.json.decode(data, type=Setting))
     if threading.active_count() > 1 or "rclpy" in sys.modules:
         sys.exit("there are threads, which forks would lose")
     gc.collect()
     gc.freeze()
     if serve(connection):
         run()
+
+
+def apply(setting: Setting) -> None:
+    """Set up this process for the nodes of one graph."""
+    sys.path[:] = setting.path
+    for name, value in setting.variables.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+    for module in setting.modules:
+        importlib.import_module(module)
+    if has_keys():
+        from socialbot.bags.types import known_types
+
+        known_types()  # of sealed images
+    inspect.stack()  # the first call of a process looks at all modules
 
 
 def serve(connection: socket.socket) -> bool:

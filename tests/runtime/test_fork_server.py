@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import ctypes
 import os
 import signal
@@ -14,7 +15,7 @@ import pytest
 
 from socialbot.graph.files import load_graph
 from socialbot.runtime import fork_server as fork_server_module
-from socialbot.runtime.fork_server import ForkedProcess, ForkServer
+from socialbot.runtime.fork_server import ForkedProcess, ForkServer, started_early
 from tests.system.running import eventually
 
 pytestmark = [pytest.mark.ros, pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")]
@@ -118,3 +119,61 @@ def test_a_server_that_does_not_answer_is_asked_once(
         assert [record.getMessage() for record in caplog.records] == ["0 starts without a fork server: timed out"]
     finally:
         fork_server.close()
+
+
+def test_a_server_that_started_early_gets_the_settings_of_the_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SOCIALBOT_GONE", "1")
+    with started_early():
+        early = fork_server_module._early
+        assert early is not None
+        monkeypatch.delenv("SOCIALBOT_GONE")
+        monkeypatch.setenv("SOCIALBOT_LATER", "2")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        fork_server = ForkServer(load_graph("waldo"), tmp_path)
+        try:
+            process = fork_server.start(["node", "head"], tmp_path / "head.log")
+            assert isinstance(process, ForkedProcess)
+            assert fork_server.server_pid == early.process.pid
+            assert fork_server_module._early is None
+            command = "import os, sys; print((dict(os.environ), sys.path), flush=True)"
+            graph = tmp_path / "graph.yaml"
+            graph.write_text("name: one\nnodes: {one: {type: 'asks_for_environment:Asks'}}")
+            (tmp_path / "asks_for_environment.py").write_text(command)
+            fork_server.start(["node", "--graph", str(graph), "one"], tmp_path / "one.log").wait(WAIT_S)
+            variables, path = ast.literal_eval((tmp_path / "one.log").read_text().splitlines()[0])
+            assert "SOCIALBOT_GONE" not in variables
+            assert variables["SOCIALBOT_LATER"] == "2"
+            assert str(tmp_path) in path
+            process.kill()
+            process.wait(WAIT_S)
+        finally:
+            fork_server.close()
+    assert not Path(f"/proc/{early.process.pid}").exists()
+
+
+def test_an_early_server_that_nobody_takes_ends_with_the_block():
+    with started_early():
+        early = fork_server_module._early
+        assert early is not None
+        assert early.process.poll() is None
+    assert early.process.poll() is not None
+
+
+def test_starting_a_server_early_imports_little():
+    """A command starts it before its own imports, which take seconds on a busy machine."""
+    heavy = ("numpy", "ruamel.yaml", "rosbags", "cv2")
+    code = f"import sys, socialbot.runtime.fork_server; print([one for one in {heavy} if one in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
+def test_up_without_a_page_imports_no_server_of_pages():
+    code = """
+import atexit, sys
+from socialbot.__main__ import run
+atexit.register(lambda: print([one for one in ("starlette", "uvicorn", "jinja2") if one in sys.modules]))
+sys.argv = ["socialbot", "up", "nothing.yaml"]
+run()
+"""
+    ended = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True)
+    assert ended.returncode == 4
+    assert ended.stdout.strip() == "[]"
