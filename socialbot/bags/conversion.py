@@ -21,9 +21,10 @@ from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
-from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError, SocialbotError
+from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, CameraInfo, CompressedDepth, CompressedImage, Structured
+from socialbot.core.paths import writing
 from socialbot.core.reading import read_bytes
 from socialbot.graph.node import WireForm
 
@@ -145,8 +146,8 @@ def import_bag(
     rgbd = None if camera is not None else _Rgbd.find(Path(source), start)
     sounds = _Sounds(_sounds(Path(source), start, limit_s) if sound and camera is None else iter(()))
     info = None
-    with BagWriter(out) as bag:
-        try:
+    try:
+        with BagWriter(out, only_whole=True) as bag:
             with closing(
                 rgbd.frames() if rgbd else _frames(str(source), camera, rate_hz, start, clock or WallClock())
             ) as frames:
@@ -169,11 +170,8 @@ def import_bag(
             if not stopped():
                 sound_ns += sounds.write(bag, None)
                 depths += rgbd.write_depth(bag, info_topic, last + _SAME_NS) if rgbd else 0
-        except SocialbotError as error:
-            bag.discard()
-            if isinstance(error, ImageError):
-                raise BagError(error.what, where=error.where, remedy=error.remedy) from error
-            raise
+    except ImageError as error:
+        raise BagError(error.what, where=error.where, remedy=error.remedy) from error
     return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND, sound_ns / SECOND, depths)
 
 
@@ -349,7 +347,8 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
         BagError: ``source`` cannot be read, or ``out`` exists or cannot be written.
     """
     types = RosbagsTypes()
-    with open_bag(source) as bag, BagWriter(out, storage=storage) as writer:
+    source = Path(source)
+    with open_bag(source) as bag, BagWriter(out, storage=storage, only_whole=True) as writer:
         made = Conversion(writer.path, skipped=bag.skipped)
         latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
         for topic, time, name, data in bag.raw_messages({each.name: each.name for each in bag.topics}):
@@ -364,10 +363,10 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
                 topic, name, data, time, latched=latched[topic], type_hash=type_hash, definition=definition
             )
             made.messages += 1
-    source = Path(source)
-    for file in source.iterdir() if source.is_dir() else ():
-        if file.is_file() and file.name != "metadata.yaml" and file.suffix not in (".mcap", ".db3", ".zstd"):
-            shutil.copyfile(file, writer.path / file.name)
+        for file in source.iterdir() if source.is_dir() else ():
+            if file.is_file() and file.name != "metadata.yaml" and file.suffix not in (".mcap", ".db3", ".zstd"):
+                with writing(writer.path / file.name, BagError, remedy="free some space, or give another place"):
+                    shutil.copyfile(file, writer.path / file.name)
     return made
 
 

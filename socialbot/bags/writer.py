@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -31,15 +32,18 @@ class BagWriter:
         path: The folder to create.
         storage: "mcap" or "sqlite3".
         compressed: Whether to compress with zstd, which helps text but not images.
+        only_whole: Whether an exception in the context removes the bag, as for a copy that can be made again.
 
     Raises:
         BagError: The folder exists, or ``storage`` is unknown.
     """
 
-    def __init__(self, path: str | Path, *, storage: str = "mcap", compressed: bool = False) -> None:
+    def __init__(
+        self, path: str | Path, *, storage: str = "mcap", compressed: bool = False, only_whole: bool = False
+    ) -> None:
         self.path = Path(path)
         self.counts: dict[str, int] = {}
-        self._discarded = False
+        self._only_whole = only_whole
         self._types = RosbagsTypes()
         self._connections: dict[tuple[str, str], Connection] = {}
         if storage not in STORAGES:
@@ -54,21 +58,26 @@ class BagWriter:
         try:
             self._writer.open()
         except Exception as error:
+            self._remove()  # it did not exist before
             raise self._failed(error) from error
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        is_whole = error is None
         try:
             self._writer.close()
         except Exception as failure:
+            is_whole = False
             if error is None:
                 raise self._failed(failure) from failure
-        if self._discarded:
-            shutil.rmtree(self.path, ignore_errors=True)
+        finally:
+            if self._only_whole and not is_whole:
+                self._remove()
 
-    def discard(self) -> None:
-        """Remove the bag at the end of the context."""
-        self._discarded = True
+    def _remove(self) -> None:
+        shutil.rmtree(self.path, ignore_errors=True)
+        with suppress(OSError):  # it is gone, or there was no file descriptor to list it
+            self.path.rmdir()
 
     def write(self, topic: str, message: Message, time: int, form: WireForm = "json") -> None:
         """Write ``message`` as received at ``time`` (ns); ``form`` applies to structured messages.

@@ -29,6 +29,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from socialbot.core.errors import SocialbotError
+from socialbot.core.paths import replace_file
 from socialbot.core.reading import open_file
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
@@ -123,7 +124,7 @@ def _write_pair(name: str, stem: str, folder: Path) -> tuple[Path, Path]:
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
         if not (folder / ".gitignore").exists():
-            (folder / ".gitignore").write_text(f"*{PRIVATE}\n", "utf-8")
+            replace_file(folder / ".gitignore", f"*{PRIVATE}\n".encode())  # an empty one would not be completed
         if public.exists():
             raise FileExistsError(None, "it exists already")
         _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
+from socialbot.core.paths import replace_file, writing
 from socialbot.core.reading import read_bytes
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
@@ -107,20 +107,17 @@ def redact(
             raise BagError("the bag has no images", where=str(source), remedy="it can be shared as it is")
         seen, why = _perception(source, graph, advance)
         depth = {topic.name for topic in bag.depth_topics}
-        with BagWriter(out, storage=storage) as writer:
-            try:
-                made = Redaction(writer.path, perception=why)
-                blurrer = None
-                if privacy == "blur":
-                    blurrer = PeopleBlurrer(bag, [each.name for each in bag.image_topics], whole, advance)
-                    made.depth = tuple(sorted(depth))
-                _copy(bag, writer, made, blurrer, depth if privacy == "blur" else set())
+        with BagWriter(out, storage=storage, only_whole=True) as writer:
+            made = Redaction(writer.path, perception=why)
+            blurrer = None
+            if privacy == "blur":
+                blurrer = PeopleBlurrer(bag, [each.name for each in bag.image_topics], whole, advance)
+                made.depth = tuple(sorted(depth))
+            _copy(bag, writer, made, blurrer, depth if privacy == "blur" else set())
+            with writing(writer.path, BagError, remedy="free some space, or give another place"):
                 if seen is not None:
                     (writer.path / SEEN_FILE).write_bytes(seen)
-            except BaseException:
-                writer.discard()
-                raise
-    made.files = _copy_files(source, writer.path)
+                made.files = _copy_files(source, writer.path)
     return made
 
 
@@ -231,7 +228,7 @@ def _copy_files(source: Path, out: Path) -> tuple[str, ...]:
         pairs += [(file, out / file.name) for file in source.glob("*.yaml") if file.name != "metadata.yaml"]
     for one, other in pairs:
         if one.is_file() and not other.exists():
-            shutil.copyfile(one, other)
+            replace_file(other, read_bytes(one))
             copied.append(other.name)
     return tuple(copied)
 

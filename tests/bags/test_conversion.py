@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import os
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -370,3 +373,45 @@ def test_command_reports_the_conversion(recorded: Path, tmp_path: Path) -> None:
     assert answer.exit_code == 0, answer.output
     assert "as before: /speech/say: 1, first: plain text" in answer.output
     assert "5 of them now typed" in " ".join(answer.output.split())
+
+
+@contextmanager
+def limited(what: int, limit: int) -> Iterator[None]:
+    """A limit of this process within the block, in which pytest cannot write or open files either."""
+    before = resource.getrlimit(what)
+    resource.setrlimit(what, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(what, before)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_conversion_that_cannot_be_written_leaves_no_bag(recorded: Path, tmp_path: Path, storage: str) -> None:
+    with limited(resource.RLIMIT_FSIZE, 20), pytest.raises(BagError, match="cannot be written"):
+        convert_bag(recorded, tmp_path / "out", "typed", storage=storage)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_of_a_bag_that_cannot_be_copied_leaves_no_bag(recorded: Path, tmp_path: Path) -> None:
+    (recorded / "graph.yaml").write_bytes(bytes(40_000))
+    with limited(resource.RLIMIT_FSIZE, 30_000), pytest.raises(BagError, match=r"graph\.yaml: cannot be written"):
+        convert_bag(recorded, tmp_path / "out", "typed")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_import_that_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:
+    images = folder(tmp_path / "images")
+    with limited(resource.RLIMIT_FSIZE, 20), pytest.raises(BagError, match="cannot be written"):
+        import_bag(images, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_that_cannot_be_begun_leaves_no_folder(tmp_path: Path, storage: str) -> None:
+    """Such as on a disk without room for another file."""
+    lowest = os.dup(0)
+    os.close(lowest)
+    with limited(resource.RLIMIT_NOFILE, lowest), pytest.raises(BagError, match="cannot be written"):
+        BagWriter(tmp_path / "out", storage=storage).__enter__()
+    assert not (tmp_path / "out").exists()

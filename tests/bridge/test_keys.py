@@ -6,6 +6,7 @@ import grp
 import io
 import os
 import pwd
+import resource
 import shutil
 import threading
 import time
@@ -425,3 +426,16 @@ def test_running_nodes_follow_their_keys(tmp_path: Path, monkeypatch: pytest.Mon
             (robot.folder / "desk.pub").unlink()
             assert eventually(lambda: not say())
             assert mouth.statistics.refusals == {"unknown sender": 1}
+
+
+def test_a_full_disk_leaves_no_part_of_the_list_of_private_files(tmp_path: Path) -> None:
+    """Git would take private keys, as the list is written only where there is none."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3, before[1]))
+    try:
+        with pytest.raises(SecurityError, match="File too large"):
+            new_key("robot", tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    new_key("robot", tmp_path)
+    assert (tmp_path / ".gitignore").read_text() == "*.key\n"

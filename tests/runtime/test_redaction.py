@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import resource
 from pathlib import Path
 
 import cv2
@@ -247,3 +248,16 @@ def test_the_record_of_a_replay_has_blurred_pictures_or_none(bag, tmp_path, monk
     assert cv2.Laplacian(blurry[head], cv2.CV_64F).var() < cv2.Laplacian(plain[head], cv2.CV_64F).var()
     traces = [(tmp_path / mode / "trace.jsonl").read_bytes() for mode in ("none", "blur", "no-images")]
     assert traces[0] == traces[1] == traces[2]
+
+
+def test_a_redaction_that_cannot_be_written_leaves_no_bag(bag, tmp_path):
+    (bag / "large.yaml").write_bytes(bytes(10_000_000))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (9_000_000, before[1]))
+    try:
+        with pytest.raises(BagError, match="out: cannot be written: File too large"):
+            redact(bag, tmp_path / "out", "no-images", graph=waldo(bag))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        (bag / "large.yaml").unlink()
+    assert not (tmp_path / "out").exists()
