@@ -375,3 +375,30 @@ def test_invalid_domain_of_the_caller_is_refused():
         own_domain(environment={"ROS_DOMAIN_ID": "forty"}),
     ):
         pass
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_errors_of_dds_do_not_damage_the_output(other_domain: int, discovery: str) -> None:
+    """Such as of a port in shared memory that another process has locked."""
+    code = """
+from socialbot.bridge.environment import spinning_node
+with spinning_node("told"):
+    print("{}")
+"""
+    first = 7400 + 250 * other_domain
+    locks = [environment.SHARED / f"fastrtps_port{port}_el" for port in range(first + 10, first + 20)]
+    files = [os.open(path, os.O_RDWR | os.O_CREAT) for path in locks]
+    try:
+        for file in files:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        variables = {"ROS_DOMAIN_ID": str(other_domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery}
+        ended = subprocess.run(
+            [sys.executable, "-c", code], text=True, capture_output=True, check=True, env={**os.environ, **variables}
+        )
+    finally:
+        for file, path in zip(files, locks, strict=True):
+            os.close(file)
+            path.unlink(missing_ok=True)
+    assert ended.stdout == "{}\n"
+    assert "open_and_lock_file failed" in ended.stderr
