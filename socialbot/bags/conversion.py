@@ -365,7 +365,7 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
             made.messages += 1
         for file in source.iterdir() if source.is_dir() else ():
             if file.is_file() and file.name != "metadata.yaml" and file.suffix not in (".mcap", ".db3", ".zstd"):
-                with writing(writer.path / file.name, BagError, remedy="free some space, or give another place"):
+                with writing(writer.path / file.name, BagError):
                     shutil.copyfile(file, writer.path / file.name)
     return made
 

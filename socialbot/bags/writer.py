@@ -16,6 +16,7 @@ from socialbot.bags import codec
 from socialbot.bags.types import RosbagsTypes, installed_definition, types_with
 from socialbot.core.errors import BagError, suggestion
 from socialbot.core.messages import CameraInfo, Message, Mind
+from socialbot.core.paths import CHECK_DISK
 from socialbot.graph.node import WireForm
 
 STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
@@ -139,9 +140,7 @@ class BagWriter:
         return connection
 
     def _failed(self, error: Exception) -> BagError:
-        return BagError(
-            f"cannot be written: {error}", where=str(self.path), remedy="check the folder, its permissions and the disk"
-        )
+        return BagError(f"cannot be written: {error}", where=str(self.path), remedy=CHECK_DISK)
 
 
 def qos_of(latched: bool) -> Qos:

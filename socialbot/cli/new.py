@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
+import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from rich.text import Text
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import RobotOption
-from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.core.installation import pip_command
 from socialbot.core.paths import read_text, writing
 
@@ -107,19 +108,22 @@ def write_project(
     """Create the project ``name`` in a new subfolder of ``folder``, and return that subfolder.
 
     Raises:
-        ParameterError: The name is invalid, or the subfolder exists.
+        ParameterError: The name is invalid, the subfolder exists, or the files cannot be written.
         GraphError: The ``robot`` is unknown, or its profile is invalid.
-        SocialbotError: The files cannot be written.
     """
     project = folder / name
     if project.exists() or project.is_symlink():
         remedy = "give another name, or another place with --out; nothing is overwritten"
         raise ParameterError("exists already", where=str(project), remedy=remedy)
     check_name(name)
-    with writing(project, remedy="give another place with --out"):
-        for path, text in project_files(name, language, template, robot).items():
-            (project / path).parent.mkdir(parents=True, exist_ok=True)
-            (project / path).write_text(text, encoding="utf-8")
+    try:
+        with writing(project, remedy="give another place with --out"):
+            for path, text in project_files(name, language, template, robot).items():
+                (project / path).parent.mkdir(parents=True, exist_ok=True)
+                (project / path).write_text(text, encoding="utf-8")
+    except SocialbotError:
+        shutil.rmtree(project, ignore_errors=True)  # nothing is overwritten, also at the next try
+        raise
     return project
 
 

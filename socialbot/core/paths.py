@@ -74,13 +74,18 @@ def expect_all_inside(folder: Path) -> None:
                 expect_inside(folder.parent, path)
 
 
+CHECK_DISK = "check the folder, its permissions and the disk"
+"""Remedy for a file that cannot be written."""
+
+
 @contextmanager
-def writing(file: Path, error: type[SocialbotError] = SocialbotError, *, remedy: str = "") -> Iterator[None]:
+def writing(file: Path, error: type[SocialbotError] = ParameterError, *, remedy: str = CHECK_DISK) -> Iterator[None]:
     """Raise an ``error`` that ``file`` cannot be written instead of an OSError."""
     try:
         yield
     except OSError as problem:
-        raise error(f"cannot be written: {problem.strerror}", where=str(file), remedy=remedy) from problem
+        what = f"cannot be written: {problem.strerror or problem}"
+        raise error(what, where=str(file), remedy=remedy) from problem
 
 
 def replace_file(file: Path, data: bytes) -> None:

@@ -22,7 +22,7 @@ def write_json(evaluation: Evaluation, path: Path) -> None:
     """Write `content` to ``path`` as JSON.
 
     Raises:
-        SocialbotError: The file cannot be written.
+        ParameterError: The file cannot be written.
     """
     write_file(path, msgspec.json.format(msgspec.json.encode(content(evaluation)), indent=2) + b"\n")
 

@@ -421,7 +421,7 @@ def write_markdown(evaluation: Evaluation, folder: Path) -> None:
     """Write evaluation.md and curves.svg into ``folder``.
 
     Raises:
-        SocialbotError: A file cannot be written.
+        ParameterError: A file cannot be written.
     """
     write_file(folder / "evaluation.md", markdown(evaluation))
     charts = curve_charts(evaluation)

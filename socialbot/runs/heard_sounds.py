@@ -10,8 +10,9 @@ import numpy as np
 
 from socialbot.bags.reader import Bag
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import MessageError
+from socialbot.core.errors import MessageError, RunError
 from socialbot.core.messages import AudioData
+from socialbot.core.paths import writing
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import SOUNDS
 from socialbot.speech.audio import samples_of
@@ -59,9 +60,11 @@ def write_heard(bag: Bag, folder: Path) -> int:
                 pieces.setdefault(record_id, []).append(samples[first:last])
                 rates[record_id] = message.sample_rate
     if pieces:
-        (folder / SOUNDS).mkdir(exist_ok=True)
+        with writing(folder / SOUNDS, RunError):
+            (folder / SOUNDS).mkdir(exist_ok=True)
     for record_id, parts in pieces.items():
-        with wave.open(str(folder / SOUNDS / heard_sound(record_id)), "wb") as file:
+        path = folder / SOUNDS / heard_sound(record_id)
+        with writing(path, RunError), wave.open(str(path), "wb") as file:
             file.setnchannels(1)
             file.setsampwidth(2)
             file.setframerate(rates[record_id])

@@ -127,7 +127,7 @@ class Page:
         """Write the page to ``path``.
 
         Raises:
-            SocialbotError: The file cannot be written.
+            ParameterError: The file cannot be written.
         """
         return write_file(path, self.html())
 
@@ -146,7 +146,7 @@ def write_file(path: Path, content: str | bytes) -> Path:
     """Write a file and create its folder.
 
     Raises:
-        SocialbotError: The file cannot be written.
+        ParameterError: The file cannot be written.
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

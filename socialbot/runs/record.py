@@ -246,8 +246,11 @@ class RunTrace:
         return path
 
     def write_scored(self, frames: Iterable[ScoredFrame]) -> None:
-        """Write scored.jsonl: one line per frame with ground truth."""
-        (self.folder / SCORED).write_bytes(self._encoder.encode_lines(frames))
+        """Write scored.jsonl: one line per frame with ground truth. Raises SocialbotError if it cannot be written."""
+        try:
+            paths.replace_file(self.folder / SCORED, self._encoder.encode_lines(frames))
+        except OSError as error:
+            raise _unusable(f"cannot be written: {error.strerror}", self.folder, "free some space") from error
 
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
         """Record a report of a node on /diagnostics."""

@@ -95,7 +95,7 @@ def write_report(folder: Path, title: str = "", world: WorldView | None = None) 
 
     Raises:
         RunError: The folder holds no run, or a file is a link that leads out of it.
-        SocialbotError: A file cannot be written.
+        ParameterError: A file cannot be written.
     """
     with recorded(folder) as run:
         world = run.world_view if world is None else world

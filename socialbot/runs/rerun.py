@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import BagError, InstallationError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
+from socialbot.core.paths import CHECK_DISK
 from socialbot.runs._streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.standard_messages import AHEAD, HEAD_HZ, HeadCourse, HeadPose, Mounting, mounting_of, place_of
@@ -90,21 +93,40 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     except ImportError as error:
         raise InstallationError("Rerun is not installed", remedy=extra_command("rerun")) from error
     recording = rerun.RecordingStream("socialbot")
+    with _whole(out):
+        with _writing(out):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            recording.save(out, default_blueprint=layout(run, importlib.import_module("rerun.blueprint")))
+        recording.send_recording_name(run.title)
+        show = _RerunExport(rerun, recording, run)
+        if bag is not None:
+            show.pictures(bag)
+        show.people()
+        show.head()
+        show.log()
+        show.minds()
+        with _writing(out):
+            recording.flush()
+            recording.disconnect()
+
+
+@contextmanager
+def _whole(out: Path) -> Iterator[None]:
+    """Remove the file after an exception: the next export would refuse to write over it."""
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        recording.save(out, default_blueprint=layout(run, importlib.import_module("rerun.blueprint")))
+        yield
+    except BaseException:
+        out.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Raise BagError instead of the errors of Rerun, whose thread writes the file."""
+    try:
+        yield
     except (OSError, RuntimeError) as error:
-        raise BagError(f"cannot be written: {error}", where=str(out)) from error
-    recording.send_recording_name(run.title)
-    show = _RerunExport(rerun, recording, run)
-    if bag is not None:
-        show.pictures(bag)
-    show.people()
-    show.head()
-    show.log()
-    show.minds()
-    recording.flush()
-    recording.disconnect()
+        raise BagError(f"cannot be written: {error}", where=str(out), remedy=CHECK_DISK) from error
 
 
 @dataclass

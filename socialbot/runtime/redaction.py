@@ -114,7 +114,7 @@ def redact(
                 blurrer = PeopleBlurrer(bag, [each.name for each in bag.image_topics], whole, advance)
                 made.depth = tuple(sorted(depth))
             _copy(bag, writer, made, blurrer, depth if privacy == "blur" else set())
-            with writing(writer.path, BagError, remedy="free some space, or give another place"):
+            with writing(writer.path, BagError):
                 if seen is not None:
                     (writer.path / SEEN_FILE).write_bytes(seen)
                 made.files = _copy_files(source, writer.path)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import os
 import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -32,6 +31,7 @@ from socialbot.core.messages import (
     Utterance,
 )
 from socialbot.vision.depth_images import depth_in_metres, unpacked_depth
+from tests.system.running import limited
 
 INFO = "/camera/camera_info"
 
@@ -373,17 +373,6 @@ def test_command_reports_the_conversion(recorded: Path, tmp_path: Path) -> None:
     assert answer.exit_code == 0, answer.output
     assert "as before: /speech/say: 1, first: plain text" in answer.output
     assert "5 of them now typed" in " ".join(answer.output.split())
-
-
-@contextmanager
-def limited(what: int, limit: int) -> Iterator[None]:
-    """A limit of this process within the block, in which pytest cannot write or open files either."""
-    before = resource.getrlimit(what)
-    resource.setrlimit(what, (limit, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(what, before)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

@@ -37,7 +37,7 @@ from socialbot.core.messages import Utterance
 from socialbot.graph.node import Graph, NodeConfig
 from tests.bridge.hosting import node_hosts
 from tests.bridge.test_strangers import TOPIC, Mouth
-from tests.system.running import eventually
+from tests.system.running import eventually, limited
 
 
 class Machine:
@@ -430,12 +430,7 @@ def test_running_nodes_follow_their_keys(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_a_full_disk_leaves_no_part_of_the_list_of_private_files(tmp_path: Path) -> None:
     """Git would take private keys, as the list is written only where there is none."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (3, before[1]))
-    try:
-        with pytest.raises(SecurityError, match="File too large"):
-            new_key("robot", tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with limited(resource.RLIMIT_FSIZE, 3), pytest.raises(SecurityError, match="File too large"):
+        new_key("robot", tmp_path)
     new_key("robot", tmp_path)
     assert (tmp_path / ".gitignore").read_text() == "*.key\n"

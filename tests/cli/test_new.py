@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -27,7 +28,7 @@ from socialbot.runtime.deployment import load_deployment
 from socialbot.vision.metrics.behaviour import DETECTIONS
 from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, load_truth, truth_beside
 from tests.example_modules import load_file
-from tests.system.running import socialbot, socialbot_here
+from tests.system.running import limited, socialbot, socialbot_here
 
 NUMBERS = itertools.count()
 KINDS: tuple[Literal["python", "asl"], ...] = get_args(Language)
@@ -286,3 +287,9 @@ def test_refuses_existing_folder(tmp_path: Path) -> None:
         write_project("my_robot", "python", tmp_path)
     assert [path.name for path in mine.parent.iterdir()] == ["agent.py"]
     assert mine.read_text("utf-8") == "mine"
+
+
+def test_a_project_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    with limited(resource.RLIMIT_FSIZE, 600), pytest.raises(ParameterError, match="cannot be written: File too large"):
+        write_project("greeter", "python", tmp_path)
+    assert not (tmp_path / "greeter").exists()

@@ -263,3 +263,15 @@ def test_export_refuses_existing_files_and_unknown_suffixes(run: RecordedRun, tm
         export(run.folder, tmp_path / "old.mcap")
     with pytest.raises(ParameterError, match="the suffix names no format"):
         export(run.folder, tmp_path / "run.bin")
+
+
+def test_a_rerun_recording_that_cannot_be_written_leaves_no_file(run: RecordedRun, tmp_path: Path) -> None:
+    """Rerun writes in a thread, so the error comes at the end; in a process of its own, as that thread may hang."""
+    pytest.importorskip("rerun")
+    out = tmp_path / "run.rrd"
+    command = f'ulimit -f 4; exec "{sys.executable}" -m socialbot export "{run.folder}" "{out}"'
+    told = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60)
+    assert told.returncode == 3, told.stderr
+    assert f"{out}: cannot be written" in told.stderr
+    assert "Traceback" not in told.stderr
+    assert not out.exists()

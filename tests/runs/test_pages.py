@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import ParameterError
 from socialbot.runs.bag_images import BlurredPictures
 from socialbot.runs.pages import PAGE, Page, Section, Table, bundle, folded, series_charts, settings, table, thumbnail
 from socialbot.runs.run import Picture
@@ -66,7 +66,7 @@ def test_page_supports_light_and_dark():
 
 def test_unwritable_file_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(SocialbotError, match="cannot be written"):
+    with pytest.raises(ParameterError, match=r"cannot be written.*\n.*check the folder"):
         Page("A run").write(tmp_path / "file" / "page.html")
 
 

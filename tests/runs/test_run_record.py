@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import shutil
 
 import msgspec
@@ -27,6 +28,8 @@ from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import RECORDED, RunRecord, RunTrace, event_log_topics, trace_record, with_event_log
+from socialbot.vision.metrics.scores import ScoredFrame
+from tests.system.running import limited
 
 PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
 DETECTIONS = PersonDetections(stamp=SECOND, frame_id="camera", width=640, height=480, persons=(PERSON,))
@@ -277,3 +280,11 @@ def test_a_folder_with_a_link_to_itself_is_refused(tmp_path):
     (tmp_path / "run" / "log").symlink_to("log")
     with pytest.raises(SocialbotError, match="is a link"):
         RunTrace(tmp_path / "run")
+
+
+def test_scores_that_cannot_be_written_are_an_error(tmp_path):
+    with RunRecord(tmp_path / "run") as record, limited(resource.RLIMIT_FSIZE, 0):
+        with pytest.raises(SocialbotError, match="cannot be written: File too large") as caught:
+            record.write_scored([ScoredFrame(stamp=1)])
+        assert caught.value.exit_code == 4
+    assert not (tmp_path / "run" / "scored.jsonl").exists()

@@ -21,7 +21,7 @@ from socialbot.runtime.bag_source import replay
 from socialbot.runtime.perception_cache import SEEN_FILE
 from socialbot.runtime.redaction import redact
 from socialbot.vision.annotate import blurred, regions_of
-from tests.system.running import socialbot_here
+from tests.system.running import limited, socialbot_here
 from tests.vision.drawn import add_person, corridor
 from tests.vision.metrics.scenes import IMAGES, START, TENTH, TOP, drawn_bag
 from tests.vision.networks import constant_network, yolov8_rows
@@ -252,12 +252,12 @@ def test_the_record_of_a_replay_has_blurred_pictures_or_none(bag, tmp_path, monk
 
 def test_a_redaction_that_cannot_be_written_leaves_no_bag(bag, tmp_path):
     (bag / "large.yaml").write_bytes(bytes(10_000_000))
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (9_000_000, before[1]))
     try:
-        with pytest.raises(BagError, match="out: cannot be written: File too large"):
+        with (
+            limited(resource.RLIMIT_FSIZE, 9_000_000),
+            pytest.raises(BagError, match="out: cannot be written"),
+        ):
             redact(bag, tmp_path / "out", "no-images", graph=waldo(bag))
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
         (bag / "large.yaml").unlink()
     assert not (tmp_path / "out").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import resource
 import signal
 import subprocess
 import sys
@@ -109,6 +110,17 @@ def eventually(holds: Callable[[], object], timeout_s: float = PATIENCE_S) -> bo
 def children(pid: int) -> list[int]:
     """Return the child processes of a process."""
     return [each.pid for each in psutil.Process(pid).children()]
+
+
+@contextmanager
+def limited(what: int, limit: int) -> Iterator[None]:
+    """A limit of this process in the block: with ``resource.RLIMIT_FSIZE``, writes fail as on a full disk."""
+    before = resource.getrlimit(what)
+    resource.setrlimit(what, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(what, before)
 
 
 def is_alive(pid: int) -> bool:
