@@ -429,8 +429,11 @@ class KnownSource(source):
         return source(*self.args).with_(args=args, annotations=annotations)
 
     def __eq__(self, other: object) -> bool:
-        # There is one object for each name.
-        return self is other or (other.__class__ is not KnownSource and super().__eq__(other))
+        if self is other:
+            return True
+        if other.__class__ is KnownSource:  # there is another object only for a name that was forgotten meanwhile
+            return self.args == other.args  # type: ignore[attr-defined]
+        return super().__eq__(other)
 
     __hash__ = source.__hash__
 
@@ -462,12 +465,15 @@ SOURCES: dict[object, tuple[Literal, ...]] = {
 }
 """Annotations of the sources that were needed before, by name."""
 
+MOST_SOURCES = 10_000
+"""Names that are kept; each message may come from another agent. Half of the oldest ones are then forgotten."""
+
 known_notes = SOURCES.get
 """Annotations of a source that was needed before; a method of an imported name would take longer to call."""
 
 
 def source_notes(name: object) -> tuple[Literal, ...]:
-    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent; the same object each time.
+    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent; the same object while it is known.
 
     A name is a string or an atom; other terms are possible in AgentSpeak.
     """
@@ -477,6 +483,9 @@ def source_notes(name: object) -> tuple[Literal, ...]:
     if notes is None:
         # An equal string is the same source as the atom.
         atom = Atom(str(name))
+        if len(SOURCES) >= MOST_SOURCES:
+            for old in list(SOURCES)[len(OWN_SOURCES) * 2 : MOST_SOURCES // 2]:
+                SOURCES.pop(old, None)
         notes = SOURCES.setdefault(atom, (KnownSource(atom),))
         SOURCES[name] = notes
     return notes

@@ -20,7 +20,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.errors import GraphError, InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import NO_JSON
-from socialbot.core.paths import expect_inside, read_text
+from socialbot.core.paths import expect_inside, read_text, writing
 from socialbot.core.reading import read_bytes
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
@@ -234,8 +234,9 @@ class Journal:
             self.results[found.key] = found.result
 
     def add(self, key: str, result: BagResult) -> None:
+        """Write a result. Raises RunError if it cannot be written."""
         self.results[key] = result
-        with self.path.open("ab") as file:
+        with writing(self.path, RunError), self.path.open("ab") as file:
             file.write(b"\n" + msgspec.json.encode(_Line(key, result)) + b"\n")
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Belief, Engine, Variable, _relations, source
 from socialbot.bdi._relations import Index, choices
-from socialbot.bdi.literals import SELF, literal, source_notes
+from socialbot.bdi.literals import MOST_SOURCES, PERCEPT, SELF, SOURCES, literal, source_notes
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.terms import Conjunction, Cons, Negation, conjunction
 from socialbot.bdi.unification import Var, resolve, undo, unify
@@ -280,6 +280,28 @@ def test_there_is_one_object_for_the_source_of_a_name():
     nested = bob.with_(annotations=(ann,))
     assert (str(nested), str(nested.with_(annotations=()))) == ("source(bob)[source(ann)]", "source(bob)")
     assert nested != bob != nested
+
+
+def test_names_of_sources_do_not_fill_the_memory():
+    """Each message may come from another agent; a belief keeps its source, whose name may be forgotten meanwhile."""
+    engine = Engine("base", ManualClock())
+    engine.believe(literal("hot", (1,)), source="first")
+    engine.run_until_idle()
+    (first,) = source_notes("first")
+    for number in range(MOST_SOURCES):
+        source_notes(f"s{number}")
+    assert len(SOURCES) <= MOST_SOURCES
+    (again,) = source_notes("first")
+    assert again is not first
+    assert again == first
+    assert hash(again) == hash(first)
+    assert again != source_notes("s1")[0]
+    assert source_notes("self") is SELF
+    assert source_notes(Atom("percept")) is PERCEPT
+    engine.believe(literal("hot", (1,)), source="first")
+    engine.run_until_idle()
+    ((_, held, _),) = engine.beliefs.relation("hot/1").facts.values()
+    assert held == (again,)
 
 
 @pytest.mark.parametrize("change", ["-hot(1)[source(s7)]", "?hot(1)[source(s7)]", "+hot(1)[source(new)]"])

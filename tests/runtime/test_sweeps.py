@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -16,8 +17,8 @@ from socialbot.core.errors import ParameterError, RunError
 from socialbot.runs.expectations import load_behaviours
 from socialbot.runs.sweep_page import classes, heat_maps, sweep_page
 from socialbot.runs.sweeps import Axis, BagResult, Sweep, SweepCell, SweepVerdict, measured
-from socialbot.runtime.sweeps import JOURNAL, SweepPlan, SweepRunner, number_text, parse_variation
-from tests.system.running import socialbot, socialbot_here
+from socialbot.runtime.sweeps import JOURNAL, Journal, SweepPlan, SweepRunner, number_text, parse_variation
+from tests.system.running import limited, socialbot, socialbot_here
 from tests.vision.metrics.scenes import drawn_bag
 from tests.vision.networks import constant_network, yolov8_rows
 
@@ -335,3 +336,9 @@ def test_measures_count_what_a_run_did(bag, tmp_path):
     assert found.measures["said"] == len(said) > 0
     assert found.measures["first_said_s"] == pytest.approx(run.history.seconds(said[0].stamp), abs=1e-3)
     assert all(one.stamp <= two.stamp for one, two in pairwise(said))
+
+
+def test_a_result_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / JOURNAL)
+    with limited(resource.RLIMIT_FSIZE, 0), pytest.raises(RunError, match="cannot be written: File too large"):
+        journal.add("key", BagResult(bag="bag"))
