@@ -473,7 +473,7 @@ known_notes = SOURCES.get
 
 
 def source_notes(name: object) -> tuple[Literal, ...]:
-    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent; the same object while it is known.
+    """Annotations of a belief with a source: ``self``, ``percept`` or an agent; the same object while it is known.
 
     A name is a string or an atom; other terms are possible in AgentSpeak.
     """
