@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import errno
 import importlib
+import io
 import logging
 import os
 import pkgutil
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, cast
+from typing import Annotated, Any, NoReturn, TextIO, cast
 
 import typer
 from rich.markup import escape
 from typer.core import TyperGroup
 
 from socialbot import __version__
-from socialbot.cli._console import Console, print_line
-from socialbot.core.errors import GraphError, InstallationError, SocialbotError, suggestion
+from socialbot.cli._console import LOST, STDOUT, Console, Output, print_line
+from socialbot.core.errors import GraphError, InstallationError, ParameterError, SocialbotError, suggestion
 from socialbot.core.process import allow_deep_recursion
 from socialbot.core.terminal import TerminalFormatter
 
@@ -131,13 +133,40 @@ def main() -> None:
         arguments, ros_args = split_ros_args(arguments)
     arguments = with_new_names(arguments)
     try:
-        command()(arguments, obj=ros_args)
+        with _named_output():
+            command()(arguments, obj=ros_args)
     except SocialbotError as error:
         _end_with(error)
     except OSError as error:
+        if error.filename == STDOUT and error.errno in LOST:
+            remedy = "free some space, or write to another place"
+            _end_with(ParameterError(f"cannot be written: {error.strerror}", where=STDOUT, remedy=remedy))
         if error.errno not in _UNUSABLE or error.filename is None:
             raise
         _end_with(GraphError(f"cannot be used: {error.strerror}", where=os.fsdecode(error.filename)))
+
+
+@contextmanager
+def _named_output() -> Iterator[None]:
+    """Let errors of stdout in the block name it, also of what is written at its end."""
+    if not isinstance(sys.stdout, io.TextIOWrapper):  # closed, or replaced by a caller
+        yield
+        return
+    before = sys.stdout
+    sys.stdout = output = cast(TextIO, Output(before))
+    try:
+        try:
+            yield
+        finally:
+            output.flush()
+    except OSError as error:
+        if error.filename == STDOUT and error.errno in LOST:
+            null = os.open(os.devnull, os.O_WRONLY)  # for the rest, which Python tries to write at its end
+            os.dup2(null, before.fileno())
+            os.close(null)
+        raise
+    finally:
+        sys.stdout = before
 
 
 _UNUSABLE = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG, errno.EPERM)

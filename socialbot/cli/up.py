@@ -63,7 +63,7 @@ def up(
     from socialbot.runtime.run import new_run_folder, run
 
     changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
-    folder, console = out or new_run_folder(), Console(soft_wrap=True)
+    folder, console = out or new_run_folder(), Console(soft_wrap=True, lossy=True)
     with ExitStack() as stack:
         if is_deployment(graph):
             if composed:

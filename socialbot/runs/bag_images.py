@@ -19,6 +19,7 @@ from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
+from socialbot.core.paths import CHECK_DISK
 from socialbot.core.reading import read_bytes
 from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runs.run import ImageSource, Picture
@@ -202,7 +203,7 @@ def write_video(
     boxes = ((each.stamp, [(one.x, one.y, one.w, one.h) for one in each.persons]) for each in record.detections)
     blurrer = BlurredPictures(None, boxes_of(boxes)) if blur else None
     writer: cv2.VideoWriter | None = None
-    size, rate = (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
+    written, size, rate = 0, (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
     for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
         advance(number)
         assert isinstance(message, (Image, CompressedImage))
@@ -216,10 +217,22 @@ def write_video(
         if writer is None:
             writer, size = _open_writer(path, frame, rate), frame.shape[1::-1]
         writer.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
+        written += 1
     if writer is None:
         raise BagError("the bag has no image for a video", where=str(bag.path))
     writer.release()
+    if _image_count(path) < written:  # OpenCV reports no error of the disk
+        path.unlink(missing_ok=True)
+        raise BagError("the video cannot be written", where=str(path), remedy=f"{CHECK_DISK}, or give --no-video")
     return path
+
+
+def _image_count(path: Path) -> int:
+    video = cv2.VideoCapture(str(path))
+    try:
+        return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+    finally:
+        video.release()
 
 
 class _Captions:

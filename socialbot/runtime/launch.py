@@ -8,7 +8,8 @@ import math
 import select
 import signal
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,17 @@ from socialbot.runtime._processes import (
 from socialbot.runtime.fork_server import ForkServer
 
 
+@contextmanager
+def _starting(graph: Graph) -> Iterator[None]:
+    """Raise NodeError if the system refuses to start a process of ``graph``."""
+    try:
+        yield
+    except OSError as error:
+        remedy = "allow more open files (ulimit -n) and processes (ulimit -u), or free some memory"
+        what = f"a process cannot be started: {error.strerror}"
+        raise NodeError(what, where=graph.name, remedy=remedy) from error
+
+
 class Launch:
     """Processes of one graph, as a context manager that ends them all. A replay requires every one of them.
 
@@ -65,8 +77,9 @@ class Launch:
         environment.require_ros()
         graph_file = write_graph(self._graph, self._folder)
         try:
-            for name, nodes in processes_of(self._graph, composed=self._composed).items():
-                self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
+            with _starting(self._graph):
+                for name, nodes in processes_of(self._graph, composed=self._composed).items():
+                    self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
         except BaseException:
             self.stop()
             raise
@@ -276,8 +289,9 @@ class Supervisor:
         order = [node for node in sinks_first(self._graph) if node in own]
         self._bring_up = BringUp(order, self._activate, time.monotonic(), self.is_observed)
         try:
-            for member in self.members.values():
-                self._start(member) if self._is_first else self._restart(member, time.monotonic())
+            with _starting(self._graph):
+                for member in self.members.values():
+                    self._start(member) if self._is_first else self._restart(member, time.monotonic())
         except BaseException:
             self.stop()
             raise

@@ -6,7 +6,10 @@ import ast
 import io
 import json
 import logging
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -151,3 +154,30 @@ def test_lines_for_a_file_or_pipe_are_not_folded(monkeypatch: pytest.MonkeyPatch
     assert lines() == 5
     monkeypatch.setenv("LINES", "24")  # with both, as readline exports them, it is the size of a terminal
     assert lines() == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_lossy_console_goes_on_without_its_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open("/dev/full", "w", encoding="utf-8", buffering=1) as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        console = Console(lossy=True)
+        for _ in range(3):
+            console.print(10_000 * "lost ")
+        with pytest.raises(OSError, match="No space left"):
+            Console().print("lost")
+        monkeypatch.undo()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), full.fileno())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("command", ["--version", "graph waldo"])
+def test_an_output_on_a_full_disk_is_one_message(command: str) -> None:
+    """A short text stays in a buffer until the end."""
+    run = [sys.executable, "-m", "socialbot", *command.split()]
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        ended = subprocess.run(run, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ended.stderr == (
+        "error: standard output: cannot be written: No space left on device\n"
+        "  remedy: free some space, or write to another place\n"
+    )
+    assert ended.returncode == 4

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import resource
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -9,14 +10,16 @@ import pytest
 
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import GraphError
+from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Image
 from socialbot.graph.files import dump_graph, load_graph, with_changes
+from socialbot.runs.bag_images import write_video
+from socialbot.runs.record import RunRecord
 from socialbot.runs.report import recorded
 from socialbot.runtime.bag_source import BagSource, find_truth, graph_of, replay
 from tests.planning import busy
-from tests.system.running import socialbot_here
-from tests.vision.metrics.scenes import drawn_bag
+from tests.system.running import limited, socialbot_here
+from tests.vision.metrics.scenes import IMAGES, drawn_bag
 
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
@@ -119,3 +122,13 @@ def test_rectified_topics_have_no_distortion_in_a_replay(tmp_path, topic, rectif
         replayed = BagSource(bag).prepare(load_graph("waldo"), "inline", tmp_path)
     detector = next(each for each in replayed.nodes if each.name == "person_detector")
     assert detector.parameters.get("rectified", False) is rectified
+
+
+def test_a_video_that_cannot_be_written_is_an_error(tmp_path):
+    """OpenCV reports no error of the disk, and leaves a file that no player opens."""
+    made = drawn_bag(tmp_path, frames=5)
+    with RunRecord(tmp_path / "run") as record, open_bag(made) as bag:
+        with limited(resource.RLIMIT_FSIZE, 4000), pytest.raises(BagError, match="the video cannot be written"):
+            write_video(bag, IMAGES, record, None, tmp_path / "video.mp4")
+        assert not (tmp_path / "video.mp4").exists()
+        assert write_video(bag, IMAGES, record, None, tmp_path / "video.mp4").stat().st_size > 4000

@@ -476,3 +476,29 @@ def test_does_not_restart_a_process_that_ends_with_0(scripts: dict[str, str], tm
         assert attended(supervisor, lambda: one.state == "ended")
         assert attended(supervisor, lambda: two.state == "active")
         assert one.restarts == 0
+
+
+def test_a_process_that_the_system_refuses_at_the_first_start_is_an_error(tmp_path: Path) -> None:
+    lowest = os.dup(0)
+    os.close(lowest)
+    supervisor = Supervisor(GRAPH, tmp_path, policy=POLICY)
+    _processes.write_graph(GRAPH, tmp_path)
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    told: list[NodeError] = []
+
+    def write(*_: object) -> Path:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, limit[1]))
+        return tmp_path / "graph.yaml"
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("socialbot.runtime.launch.write_graph", write)
+        try:
+            supervisor.__enter__()
+        except NodeError as error:
+            told.append(error)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limit)
+    (error,) = told
+    assert "idlers: a process cannot be started: Too many open files" in str(error)
+    assert error.exit_code == 6
+    assert supervisor.pids == {}
