@@ -206,6 +206,17 @@ def with_parent(command: Sequence[str], *, limits: tuple[int, int] | None = None
     return [sys.executable, "-I", "-S", script, str(os.getpid()), *map(str, limits or ()), "--", *command]
 
 
+PR_SET_PDEATHSIG = 1  # from the headers of Linux
+
+
+def end_with_parent(parent: int) -> None:
+    """Let Linux kill this process with the thread of ``parent`` that started it, also if that is killed."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
 MXFAST, TRIM_THRESHOLD, TOP_PAD, MMAP_THRESHOLD = 1, -1, -2, -3
 """Option numbers of `mallopt` in glibc's malloc.h."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -11,7 +12,7 @@ from typing import Any, TypeVar
 
 from socialbot.core.errors import InstallationError, NodeError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command
-from socialbot.core.process import Ending, safe_path
+from socialbot.core.process import Ending, end_with_parent, safe_path
 
 T = TypeVar("T")
 Arguments = Sequence[tuple[Any, ...]]
@@ -33,7 +34,7 @@ def run_in_processes(
 ) -> list[T]:
     """Call ``function`` for all ``arguments`` in ``count`` fresh processes.
 
-    SIGINT and SIGTERM terminate all processes at once.
+    SIGINT and SIGTERM terminate all processes at once. They end with this process, also if it is killed.
 
     Args:
         initializer: Called once in each process with ``initargs``.
@@ -51,7 +52,9 @@ def run_in_processes(
     with (
         safe_path(),
         Ending().on_signals() as ending,
-        ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer, initargs) as pool,
+        ProcessPoolExecutor(
+            count, multiprocessing.get_context("spawn"), _begin, (os.getpid(), initializer, initargs)
+        ) as pool,
     ):
         try:
             # The processes inherit the signal mask: SIGINT is for the parent.
@@ -83,6 +86,13 @@ def run_in_processes(
                     process.terminate()
             raise
     return [results[number] for number in range(len(arguments))]
+
+
+def _begin(parent: int, initializer: Callable[..., None] | None, initargs: tuple[Any, ...]) -> None:
+    # A process that waits for its killed parent would keep its memory for ever.
+    end_with_parent(parent)
+    if initializer is not None:
+        initializer(*initargs)
 
 
 def run_on_dask(

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
+import psutil
 import pytest
 
 from socialbot.core.errors import NodeError, TruthError
@@ -45,3 +48,24 @@ def test_results_and_errors_are_pickled():
     with pytest.raises(TruthError, match="where: what") as caught:
         run_in_processes(give_back, [(TruthError("what", where="where", remedy="that"),)], 1)
     assert caught.value.remedy == "that"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")
+def test_processes_end_with_a_killed_parent():
+    code = """
+import subprocess
+import sys
+import time
+from socialbot.vision.metrics.workers import run_in_processes
+run_in_processes(time.sleep, [(600.0,), (600.0,)], 2, initializer=print, initargs=("begun",))
+"""
+    with subprocess.Popen([sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert [parent.stdout.readline() for _ in range(2)] == ["begun\n", "begun\n"]
+        workers = psutil.Process(parent.pid).children()
+        assert len(workers) >= 2
+        parent.kill()
+    gone, alive = psutil.wait_procs(workers, timeout=60.0)
+    for process in alive:
+        process.kill()
+    assert (len(gone), alive) == (len(workers), [])
