@@ -14,7 +14,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from socialbot.bags.image_files import decode_image
+from socialbot.bags.image_files import decode_image, open_video
 from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
@@ -228,9 +228,12 @@ def write_video(
 
 
 def _image_count(path: Path) -> int:
-    video = cv2.VideoCapture(str(path))
     try:
-        return int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        video = open_video(path)
+    except ImageError:
+        return 0
+    try:
+        return int(video.get(cv2.CAP_PROP_FRAME_COUNT))
     finally:
         video.release()
 
