@@ -1,11 +1,11 @@
-"""Image topics by camera and by kind: colour, grey, infrared or depth, and the sensors that measure distances."""
+"""Image topics by camera and by kind, their CameraInfo, and the sensors that measure distances."""
 
 from __future__ import annotations
 
 import enum
 import re
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from socialbot.core.clock import nanoseconds
@@ -15,22 +15,35 @@ T = TypeVar("T")
 
 
 class ImageKind(enum.IntEnum):
-    """Kind of images, best first for a person detector. Only a depth image has distances as pixels."""
+    """Kind of images, best first for a person detector.
+
+    Only a depth image has distances as pixels. A map has other values, such as disparities, confidences or classes.
+    """
 
     COLOUR = 0
     GREY = 1
     INFRARED = 2
     DEPTH_VIEW = 3
     DEPTH = 4
+    MAP = 5
 
 
 _TRANSPORTS = ("compressed", "compressedDepth", "theora", "ffmpeg", "zstd")
 _GREY = frozenset({"mono8", "8UC1", "mono16"})
 _DEPTH = frozenset({"16UC1", "32FC1"})
+_DEEP = frozenset({*_DEPTH, "mono16", "compressedDepth"})
 _PNG = b"\x89PNG\r\n\x1a\n"
 # A word of a topic name: between slashes, underscores and digits.
-_INFRARED_NAME = re.compile(r"(?:^|[/_\d])(?:infra|infrared|ir|thermal|lwir|fir|nir)(?:[/_\d]|$)", re.IGNORECASE)
+_INFRARED_NAME = re.compile(
+    r"(?:^|[/_\d])(?:infra|infrared|ir|thermal|lwir|fir|nir|flir|boson|lepton|amplitude|intensity)(?:[/_\d]|$)",
+    re.IGNORECASE,
+)
 _DEPTH_NAME = re.compile(r"(?:^|[/_\d])(?:depth|disparity|sw_registered|hw_registered)(?:[/_\d]|$)", re.IGNORECASE)
+_MAP_NAME = re.compile(
+    r"(?:^|[/_\d])(?:confidence|disparity|segmentation|semantic|instance|labels?|mask|body_index|flow|noise)(?:[/_\d]|$)",
+    re.IGNORECASE,
+)
+_MAP_ENCODING = re.compile(r"(?:8S|16S|32S|16F|32F|64F)C\d")
 _RECTIFIED_NAME = re.compile(r"(?:^|_)rect(?:ified)?(?:_|$)", re.IGNORECASE)
 _RECTIFIED = ("image_rect_color", "image_rect", "rgb_rect", "image_color", "image_raw", "image")
 
@@ -38,21 +51,25 @@ _RECTIFIED = ("image_rect_color", "image_rect", "rgb_rect", "image_color", "imag
 def image_kind(topic: str, first: Message | None) -> ImageKind:
     """Kind of the images on ``topic``.
 
-    A 16-bit or float encoding means depth, except for a 16-bit image on an infrared or thermal topic.
+    A 16-bit or float encoding means depth, except for a 16-bit image on an infrared or thermal topic, and for a topic
+    that is named as a map.
 
     Args:
         topic: Name of the topic.
         first: Its first image, or None if that is unreadable: the name decides then.
     """
-    base, _, transport = topic.rpartition("/")
-    if transport == "compressedDepth":
-        return ImageKind.DEPTH
-    name = base if transport in _TRANSPORTS else topic
-    infrared = _INFRARED_NAME.search(name) is not None
+    name, transport = _without_transport(topic)
     encoding = _encoding(first)
-    if encoding in ("compressedDepth", "32FC1"):
-        return ImageKind.DEPTH
+    infrared = _INFRARED_NAME.search(name) is not None
     named_depth = _DEPTH_NAME.search(name) is not None
+    deep = encoding in _DEEP or transport == "compressedDepth"
+    named_map = _MAP_NAME.search("/".join(name.split("/")[-2:])) is not None
+    if (named_map and (deep or encoding in _GREY)) or (infrared and encoding == "32FC1"):
+        return ImageKind.MAP
+    if encoding not in _DEEP and _MAP_ENCODING.fullmatch(encoding):
+        return ImageKind.MAP
+    if transport == "compressedDepth" or encoding in ("compressedDepth", "32FC1"):
+        return ImageKind.DEPTH
     if (encoding == "16UC1" and not infrared) or (encoding == "mono16" and named_depth):
         return ImageKind.DEPTH
     if infrared:
@@ -62,6 +79,12 @@ def image_kind(topic: str, first: Message | None) -> ImageKind:
     if named_depth:
         return ImageKind.DEPTH_VIEW  # such as depth in false colours
     return ImageKind.GREY if encoding in _GREY else ImageKind.COLOUR
+
+
+def _without_transport(topic: str) -> tuple[str, str]:
+    """Name of the raw images of ``topic``, and the transport that its last word names; empty for raw images."""
+    base, _, transport = topic.rpartition("/")
+    return (base, transport) if transport in _TRANSPORTS else (topic, "")
 
 
 def _encoding(image: Message | None) -> str:
@@ -84,14 +107,38 @@ def _encoding(image: Message | None) -> str:
 
 def camera_of(topic: str) -> str:
     """Namespace of the camera: ``/camera`` for ``/camera/image_raw`` and ``/camera/image_raw/compressed``."""
-    base, _, transport = topic.rpartition("/")
-    return (base if transport in _TRANSPORTS else topic).rpartition("/")[0]
+    return _without_transport(topic)[0].rpartition("/")[0]
+
+
+def camera_info_of(image: str, infos: Collection[str], images: Collection[str], frame: Callable[[str], str]) -> str:
+    """CameraInfo topic of the images on ``image``; empty if there is none.
+
+    It lies in the namespace of the images, or below their topic, or in the namespace around: there it may belong to
+    other images, and does if these have another frame.
+
+    Args:
+        image: Topic of the images.
+        infos: CameraInfo topics.
+        images: Topics with images.
+        frame: Frame of the first message on a topic; empty if unknown.
+    """
+    name = _without_transport(image)[0]
+    space = name.rpartition("/")[0]
+    around = space.rpartition("/")[0]
+    for place in dict.fromkeys((space, name, around)):
+        found = [info for info in infos if info.rpartition("/")[0] == place]
+        if place == around != space and any(camera_of(other) == around for other in images):
+            found = [info for info in found if frame(info) in ("", frame(image))]
+        if len(found) > 1:
+            found.sort(key=lambda info: (frame(info) != frame(image), -_shared(info, name), info))
+        if found:
+            return found[0]
+    return ""
 
 
 def is_rectified(topic: str) -> bool:
     """Whether the images on ``topic`` are rectified, by its name: image_rect, image_rect_color and the like."""
-    base, _, transport = topic.rpartition("/")
-    name = (base if transport in _TRANSPORTS else topic).rpartition("/")[2]
+    name = _without_transport(topic)[0].rpartition("/")[2]
     return _RECTIFIED_NAME.search(name) is not None
 
 
@@ -106,10 +153,9 @@ def best(kinds: Mapping[str, ImageKind]) -> list[str]:
 
 
 def _order(topic: str) -> tuple[int, bool, str]:
-    base, _, transport = topic.rpartition("/")
-    compressed = transport in _TRANSPORTS
-    name = (base if compressed else topic).rpartition("/")[2]
-    return _RECTIFIED.index(name) if name in _RECTIFIED else len(_RECTIFIED), compressed, topic
+    base, transport = _without_transport(topic)
+    name = base.rpartition("/")[2]
+    return _RECTIFIED.index(name) if name in _RECTIFIED else len(_RECTIFIED), transport != "", topic
 
 
 _REGISTERED = re.compile(r"aligned|registered|to_color|to_rgb")
@@ -118,16 +164,17 @@ _DERIVED = re.compile(r"ground|map|obstacle|costmap|cluster|filtered|plane|objec
 
 
 def best_depth(image: str, frame: str, topics: Mapping[str, str]) -> str | None:
-    """The depth topic for the pictures on ``image`` in ``frame``: registered, of the same camera, raw.
+    """The depth topic for the pictures on ``image`` in ``frame``: in this frame, of the same camera, registered, raw.
 
     Args:
         topics: Frame of the images by depth topic.
     """
 
-    def order(topic: str) -> tuple[bool, bool, int, bool, str]:
-        registered = bool(_REGISTERED.search(topic)) or (frame != "" and topics[topic] == frame)
-        shared = _shared(image, topic)
-        return _DERIVED.search(topic) is not None, not registered, -shared, topic.endswith("/compressedDepth"), topic
+    def order(topic: str) -> tuple[bool, bool, int, bool, bool, str]:
+        derived, registered = (pattern.search(topic) is not None for pattern in (_DERIVED, _REGISTERED))
+        in_frame = frame != "" and topics[topic] == frame
+        shared = _shared(image.split("/"), topic.split("/"))
+        return derived, not in_frame, -shared, not registered, topic.endswith("/compressedDepth"), topic
 
     return min(topics, key=order, default=None)
 
@@ -151,10 +198,10 @@ def transform_topics(image: str, topics: Iterable[str]) -> list[str]:
     return found
 
 
-def _shared(one: str, other: str) -> int:
-    """Number of leading words that two topics share."""
-    pairs = zip(one.split("/"), other.split("/"), strict=False)
-    return next((number for number, (a, b) in enumerate(pairs) if a != b), min(one.count("/"), other.count("/")))
+def _shared(one: Sequence[str], other: Sequence[str]) -> int:
+    """Number of leading words that two topics share, or of leading characters."""
+    pairs = zip(one, other, strict=False)
+    return next((number for number, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
 
 
 _LONGEST_WAIT_S = 2.0

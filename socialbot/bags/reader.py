@@ -29,7 +29,7 @@ from socialbot.bags.cameras import (
     best,
     best_depth,
     best_points,
-    camera_of,
+    camera_info_of,
     depth_first,
     image_kind,
     transform_topics,
@@ -159,13 +159,9 @@ class Bag(AbstractContextManager["Bag"]):
 
     @property
     def image_topics(self) -> tuple[BagTopic, ...]:
-        """Topics with raw or compressed pictures, colour first and infrared last, without depth images."""
+        """Topics with raw or compressed pictures, colour first and infrared last, without depth images and maps."""
         kinds = {topic: self.image_kind(topic) for topic in self._filled(*IMAGE_TYPES)}
-        return tuple(
-            sorted(
-                (topic for topic, kind in kinds.items() if kind is not ImageKind.DEPTH), key=lambda each: kinds[each]
-            )
-        )
+        return tuple(sorted((topic for topic, kind in kinds.items() if kind < ImageKind.DEPTH), key=kinds.__getitem__))
 
     @property
     def preferred_image_topics(self) -> list[str]:
@@ -177,6 +173,11 @@ class Bag(AbstractContextManager["Bag"]):
     def depth_topics(self) -> tuple[BagTopic, ...]:
         """Topics with depth images, raw or compressed."""
         return tuple(topic for topic in self._filled(*IMAGE_TYPES) if self.image_kind(topic) is ImageKind.DEPTH)
+
+    @property
+    def map_topics(self) -> tuple[BagTopic, ...]:
+        """Topics with images of other values: disparities, confidences, classes and the like."""
+        return tuple(topic for topic in self._filled(*IMAGE_TYPES) if self.image_kind(topic) is ImageKind.MAP)
 
     def image_kind(self, topic: BagTopic) -> ImageKind:
         """Kind of the images on ``topic``, from its name and its first image."""
@@ -257,11 +258,14 @@ class Bag(AbstractContextManager["Bag"]):
             return self.topic(chosen[0])
         if wanted in names:
             return self.topic(wanted)
-        if wanted is not None and wanted in (topic.name for topic in self.depth_topics):
+        maps = [topic.name for topic in self.map_topics]
+        if wanted is not None and wanted in (*maps, *(topic.name for topic in self.depth_topics)):
+            what = "values such as confidences, disparities or classes" if wanted in maps else "depth images"
             remedy = f"choose one of {', '.join(names)}" if names else "record a colour image as well"
-            raise self._refused(f"{wanted} has depth images, not pictures", remedy)
+            raise self._refused(f"{wanted} has {what}, not pictures", remedy)
         if not names:
             depth = " but those of depth" if self.depth_topics else ""
+            depth += f" but values, not pictures, on {', '.join(maps)}" if maps and not depth else ""
             empty = [topic.name for topic in self.topics if topic.type in IMAGE_TYPES and not topic.count]
             remedy = f"record an image topic; the bag has {', '.join(self._names())}"
             if empty:
@@ -277,13 +281,14 @@ class Bag(AbstractContextManager["Bag"]):
         raise self._refused(what, suggestion(wanted, names))
 
     def camera_info_topic_for(self, image_topic: str) -> BagTopic | None:
-        """CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
+        """CameraInfo topic of the images on ``image_topic``, if the bag has one.
 
         ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
         """
-        infos = {topic.name.rpartition("/")[0]: topic for topic in self._filled(codec.ROS_TYPES[CameraInfo])}
-        namespace = camera_of(image_topic)
-        return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
+        infos = [topic.name for topic in self._filled(codec.ROS_TYPES[CameraInfo])]
+        images = [topic.name for topic in self._filled(*IMAGE_TYPES)]
+        found = camera_info_of(image_topic, infos, images, self._frame)
+        return self.topic(found) if found else None
 
     def depth_sensors_for(self, image_topic: str, wanted: str | None = None) -> dict[str, type[Message]]:
         """Topics that measure the distances of what ``image_topic`` shows, and their message types.

@@ -77,11 +77,13 @@ def info(
     quick: Annotated[bool, typer.Option("--quick", help="Skip a slow check: the search for damaged messages.")] = False,
 ) -> None:
     """Show the topics of a bag, and any damage."""
-    from socialbot.bags.reader import open_bag
+    from socialbot.bags.reader import IMAGE_TYPES, open_bag
 
     console = Console()
     with open_bag(path) as opened:
-        images = {topic.name: _picture(opened, topic) for topic in (*opened.image_topics, *opened.depth_topics)}
+        images = {
+            topic.name: _picture(opened, topic) for topic in opened.topics if topic.type in IMAGE_TYPES and topic.count
+        }
         break_off = None
         try:
             if not quick:

@@ -66,7 +66,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         GraphError: No topic can have this name, or nobody publishes it.
         ParameterError: It has no images.
     """
-    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind, is_rectified, transform_topics
+    from socialbot.bags.cameras import ImageKind, best_depth, camera_info_of, image_kind, is_rectified, transform_topics
     from socialbot.bags.codec import ROS_TYPES, decodable_types
     from socialbot.bridge.topics import await_publisher, merged_messages, observer_node, settled_topics
     from socialbot.core.errors import ImageError, ParameterError
@@ -88,7 +88,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
     check_topic(topic, "SOURCE is no file")
     with observer_node("_calibrate") as ros:
         kind = decodable_types().get(await_publisher(ros, topic, timeout_s=_WAIT_S) or "")
-        if kind not in (Image, CompressedImage) or image_kind(topic, None) == ImageKind.DEPTH:
+        if kind not in (Image, CompressedImage) or image_kind(topic, None) >= ImageKind.DEPTH:
             remedy = "name a topic of sensor_msgs/Image or CompressedImage; socialbot topic list shows all"
             raise ParameterError("has no pictures", where=topic, remedy=remedy)
         types = {each.name: each.types[0] for each in settled_topics(ros)}
@@ -101,13 +101,14 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
             if types[name] in (ROS_TYPES[DepthImage], ROS_TYPES[CompressedDepth])
             and image_kind(name, None) == ImageKind.DEPTH
         }
-        infos = {name.rpartition("/")[0]: name for name in types if types[name] == ROS_TYPES[CameraInfo]}
+        infos = [name for name in types if types[name] == ROS_TYPES[CameraInfo]]
+        images = [name for name in types if decodable_types().get(types[name]) in (Image, CompressedImage)]
         depth = best_depth(topic, "", dict.fromkeys(depths, ""))
         if depth is not None:
             topics[depth] = depths[depth]
-            if (depth_info := infos.get(camera_of(depth))) is not None:
+            if depth_info := camera_info_of(depth, infos, images, lambda _: ""):
                 topics[depth_info] = DepthInfo
-        if (info_topic := infos.get(camera_of(topic))) is not None:
+        if info_topic := camera_info_of(topic, infos, images, lambda _: ""):
             topics[info_topic] = CameraInfo
         sensors, info, begun = DepthSensors(), None, monotonic()
         for arrived in merged_messages(ros, topics, newest=[topic], ended=lambda: monotonic() - begun > seconds):

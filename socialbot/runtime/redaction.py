@@ -111,7 +111,8 @@ def redact(
             made = Redaction(writer.path, perception=why)
             blurrer = None
             if privacy == "blur":
-                blurrer = PeopleBlurrer(bag, [each.name for each in bag.image_topics], whole, advance)
+                pictures = [each.name for each in (*bag.image_topics, *bag.map_topics)]
+                blurrer = PeopleBlurrer(bag, pictures, whole, advance)
                 made.depth = tuple(sorted(depth))
             _copy(bag, writer, made, blurrer, depth if privacy == "blur" else set())
             with writing(writer.path, BagError):

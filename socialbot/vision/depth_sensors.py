@@ -40,6 +40,8 @@ _KEPT_S = 3.0
 _KEPT_IMAGES, _KEPT_CLOUDS = 20, 5
 _SAME = 0.03
 """Largest relative difference of the intrinsics of a registered depth image and the picture."""
+_SAME_PLACE_M, _SAME_DIRECTION_RAD = 0.06, 0.05
+"""Largest distance and angle between the frames of a registered depth image and the picture."""
 _PLACED_NS = 2 * SECOND  # Transforms that place the camera come within this time of its first image.
 _LOST_NS = 2 * SECOND  # Transforms of moving frames without news for this time have stopped.
 _MOST_POINTS = 120_000
@@ -150,8 +152,7 @@ class DepthSensors:
             same_view = abs(pixels.shape[1] * camera.height / (pixels.shape[0] * camera.width) - 1) < _SAME
         else:
             same_view = _is_same_view(intrinsics, camera)
-        if same_view and (same_frame or intrinsics is not None):
-            # An aligned image has the intrinsics of the picture, whatever its frame is called.
+        if same_view and (same_frame or (intrinsics is not None and self._looks_alike(message, frame_id))):
             return RegisteredDepth(pixels, age_s)
         to_camera = np.eye(4) if same_frame else self._to_camera(message.frame_id, frame_id, message.stamp, "depth")
         if to_camera is None:
@@ -163,6 +164,22 @@ class DepthSensors:
             )
             return None
         return ProjectedPoints(_transformed(_points(pixels, intrinsics), to_camera), age_s, "depth")
+
+    def _looks_alike(self, message: Image | CompressedImage, frame_id: str) -> bool:
+        """Whether depth images with the intrinsics of the picture in ``frame_id`` are aligned with it.
+
+        Drivers give them a frame of their own, which is that of the picture or unknown. The depth of another camera of
+        the same kind has another pose.
+        """
+        found = self._transforms.lookup(frame_id, message.frame_id, message.stamp)
+        if found is None:
+            self._warn(
+                f"depth images in {message.frame_id} are taken as registered to {frame_id}: they have its intrinsics, "
+                "and no transform places them elsewhere; do both show the same?"
+            )
+            return True
+        turned = math.acos(min(max((np.trace(found[:3, :3]) - 1) / 2, -1.0), 1.0))
+        return float(np.linalg.norm(found[:3, 3])) < _SAME_PLACE_M and turned < _SAME_DIRECTION_RAD
 
     def _cloud(self, message: PointCloud, frame_id: str, age_s: float) -> RangeImage | None:
         points = points_of(message)

@@ -13,6 +13,7 @@ from socialbot.bags.cameras import (
     best,
     best_depth,
     best_points,
+    camera_info_of,
     camera_of,
     depth_first,
     image_kind,
@@ -72,6 +73,15 @@ DEEP = np.full((4, 4), 2000, np.uint16)
         ("/camera/depth/compressed", packed("png", DEEP), ImageKind.DEPTH),
         ("/camera/image_raw/compressed", packed("rgb8; jpeg compressed bgr8"), ImageKind.COLOUR),
         ("/camera/image/compressed", packed("png", np.zeros((4, 4, 3), np.uint8)), ImageKind.COLOUR),
+        ("/zed/zed_node/confidence/confidence_map", raw("32FC1"), ImageKind.MAP),
+        ("/zed/zed_node/confidence/confidence_map/compressedDepth", packed("32FC1; compressedDepth"), ImageKind.MAP),
+        ("/camera/camera/confidence/image_rect_raw", raw("mono8"), ImageKind.MAP),
+        ("/stereo/disparity/image_raw", raw("16UC1"), ImageKind.MAP),
+        ("/stereo/disparity/image_color", raw("rgb8"), ImageKind.DEPTH_VIEW),
+        ("/thermal/temperature", raw("32FC1"), ImageKind.MAP),
+        ("/front/instance_segmentation", raw("32SC1"), ImageKind.MAP),
+        ("/semantic_robot/front/camera/image_raw", raw("mono8"), ImageKind.GREY),
+        ("/flir_boson/image_raw", raw("16UC1"), ImageKind.INFRARED),
         ("/camera/depth/image_raw", None, ImageKind.DEPTH),
         ("/camera/image_raw", None, ImageKind.COLOUR),
     ],
@@ -119,6 +129,16 @@ def test_depth_is_never_the_picture(tmp_path: Path) -> None:
         assert bag.choose_image_topic(infrared[0]).name == infrared[0]
 
 
+def test_values_that_are_no_pictures_are_named(tmp_path: Path) -> None:
+    confidence = "/zed/zed_node/confidence/confidence_map"
+    with open_bag(make_with_rosbags(tmp_path / "alone", [(confidence, START, raw("32FC1"))])) as bag:
+        assert bag.image_topics == bag.depth_topics == ()
+        with pytest.raises(BagError, match=f"no images but values, not pictures, on {confidence}"):
+            bag.choose_image_topic()
+        with pytest.raises(BagError, match="has values such as confidences"):
+            bag.choose_image_topic(confidence)
+
+
 def test_bag_of_one_frame_has_no_rate(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         for nanosecond in range(4):
@@ -142,9 +162,33 @@ def test_depth_of_the_same_camera_and_view_is_preferred() -> None:
     assert ranked == [
         "/front/aligned_depth_to_color/image_raw",
         "/front/aligned_depth_to_color/image_raw/compressedDepth",
-        "/back/aligned_depth_to_color/image_raw",
         "/front/depth/image_rect_raw",
+        "/back/aligned_depth_to_color/image_raw",
     ]
+
+
+def test_registered_depth_of_another_camera_is_not_preferred_to_that_in_the_frame() -> None:
+    frames = {f"/spot/depth_registered/{side}/image": f"{side}_fisheye" for side in ("back", "frontleft", "right")}
+    assert best_depth("/spot/camera/right/image", "right_fisheye", frames) == "/spot/depth_registered/right/image"
+
+
+@pytest.mark.parametrize(
+    ("image", "infos", "others", "chosen"),
+    [
+        ("/camera/image_raw/compressed", ["/camera/camera_info", "/camera_info"], [], "/camera/camera_info"),
+        ("/zed/rgb/color/rect/image", ["/zed/rgb/color/rect/image/camera_info"], [],
+         "/zed/rgb/color/rect/image/camera_info"),
+        ("/camera/color/image_raw", ["/camera/camera_info"], [], "/camera/camera_info"),
+        ("/camera/color/image_raw", ["/camera/camera_info"], ["/camera/image_raw"], ""),
+        ("/rear/image_raw", ["/camera_info"], ["/image_raw"], ""),
+        ("/image_raw", ["/camera_info"], ["/rear/image_raw"], "/camera_info"),
+        ("/head/right_image", ["/head/left_camera_info", "/head/right_camera_info"], ["/head/left_image"],
+         "/head/right_camera_info"),
+        ("/camera/image_raw", ["/lidar/camera_info"], [], ""),
+    ],
+)  # fmt: skip
+def test_camera_info_belongs_to_the_images(image: str, infos: list[str], others: list[str], chosen: str) -> None:
+    assert camera_info_of(image, infos, [image, *others], lambda topic: f"frame{topic}".rpartition("/")[0]) == chosen
 
 
 def test_lidar_is_preferred_to_clouds_of_a_depth_camera() -> None:

@@ -370,6 +370,25 @@ def test_depth_of_another_camera_is_projected() -> None:
     assert found[0] == pytest.approx(room.people[0].distance, rel=0.05)
 
 
+def test_depth_of_a_rear_camera_of_the_same_kind_says_nothing() -> None:
+    room, behind = Room([Blob(2.5)]), Room([Blob(3.5)])
+    image = depth_image(with_errors(render(behind, CAMERA)), frame="rear_eye")
+    rear = Transforms(stamp=0, transforms=(transform("eye", "rear_eye", (0.0, 0.0, -0.4), (0, 1, 0, 0)),))
+    assert measured(room, with_depth(room, info_of(CAMERA, "rear_eye"), rear, image)) == [None]
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_aligned_depth_may_have_a_frame_of_its_own(placed: bool, caplog: pytest.LogCaptureFixture) -> None:
+    room = Room([Blob(2.5)])
+    image = depth_image(with_errors(render(room, CAMERA)), frame="aligned_depth_to_color")
+    tree = [Transforms(stamp=0, transforms=(transform("eye", "aligned_depth_to_color", (0.0, 0.0, 0.0)),))]
+    with caplog.at_level("WARNING"):
+        (found,) = measured(room, with_depth(room, info_of(CAMERA, "aligned"), *tree[: int(placed)], image))
+    assert found is not None
+    assert found[0] == pytest.approx(2.5, rel=0.05)
+    assert ["taken as registered" in record.message for record in caplog.records] == [True] * (not placed)
+
+
 def test_unregistered_depth_is_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
     room = Room([Blob(2.5)])
     other = CameraModel(400.0, 400.0, 320.0, 200.0, 640, 400)
