@@ -34,7 +34,7 @@ from socialbot.bags.cameras import (
     image_kind,
     transform_topics,
 )
-from socialbot.bags.repair import Receptions, Stamps, clock_offsets
+from socialbot.bags.repair import CLOCKS_APART_S, Receptions, Stamps, clock_offsets, nearest_offset
 from socialbot.bags.types import RosbagsTypes, TypeProblem, deserialize, is_ros1, to_cdr, type_problem
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
@@ -134,7 +134,8 @@ class Bag(AbstractContextManager["Bag"]):
         self._readers = readers
         self._connections = [connection for reader in readers for connection in reader.connections]
         self._kinds: dict[str, ImageKind] = {}
-        self._offsets: dict[str, int] | None = None
+        self._lags: dict[str, int] | None = None
+        """Time (ns) from the first stamp to its reception, by topic of a sensor."""
         topics: dict[str, BagTopic] = {}
         for each in self._connections:
             before = topics.get(each.topic)
@@ -389,15 +390,25 @@ class Bag(AbstractContextManager["Bag"]):
     def stamps(self, name: str) -> Stamps:
         """New correction of the header stamps of the topic ``name``.
 
-        All sensors of a bag share one clock, so that images and depth stay synchronous.
+        All sensors of a bag share one clock, so that images and depth stay synchronous. So do transforms that move.
         """
-        if self.topic(name).type not in SENSOR_TYPES:
+        kind = self.topic(name).type
+        moving = codec.decodable_types().get(kind) is Transforms and not self._is_static(name)
+        if kind not in SENSOR_TYPES and not moving:
             return Stamps(name)
-        if self._offsets is None:
+        if self._lags is None:
             stamped = self._filled(*SENSOR_TYPES, codec.ROS_TYPES[CameraInfo])
             lags = {topic.name: self._first_lag(topic.name) for topic in stamped}
-            self._offsets = clock_offsets({name: lag for name, lag in lags.items() if lag is not None})
-        return Stamps(name, offset=self._offsets.get(name, 0), repeats=False)
+            self._lags = {topic: lag for topic, lag in lags.items() if lag is not None}
+        offsets = clock_offsets(self._lags)
+        if not moving:
+            return Stamps(name, offset=offsets.get(name, 0), repeats=False)
+        lag = self._first_lag(name)
+        offset = 0 if lag is None else nearest_offset(lag, self._lags, offsets)
+        return Stamps(name, offset=offset, slack_s=2 * CLOCKS_APART_S)
+
+    def _is_static(self, name: str) -> bool:
+        return name.endswith("tf_static") or self.is_latched(name)
 
     def _first_lag(self, name: str) -> int | None:
         """Time (ns) from the header stamp of the first message of a topic to its reception; None without a stamp."""
@@ -406,7 +417,10 @@ class Bag(AbstractContextManager["Bag"]):
             return None
         connection, time, data = first
         try:
-            stamp = codec.header_stamp(deserialize(connection, data))
+            ros_message = deserialize(connection, data)
+            stamp = codec.header_stamp(ros_message)
+            if codec.decodable_types().get(connection.msgtype) is Transforms:
+                stamp = codec.decode(Transforms, ros_message).newest
         except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
             log.debug("%s: the first message of %s cannot be read: %s", self.path, name, error)
             return None
@@ -451,11 +465,17 @@ class Bag(AbstractContextManager["Bag"]):
 
     def _decoded(self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]]) -> Iterator[tuple[str, Message]]:
         stamps = {name: self.stamps(name) for name in topics}
+        statics = {name for name in topics if self._is_static(name)}
 
         def decode(connection: Connection, time: int, data: bytes) -> Message:
             ros_message = deserialize(connection, data)
             kind = kinds.get(topics[connection.topic]) or codec.message_type_of(connection.msgtype)
             message = codec.decode(kind, ros_message, stamp=time)
+            if isinstance(message, Transforms) and connection.topic not in statics:
+                newest = message.newest
+                return (
+                    message if newest is None else message.shifted(stamps[connection.topic].next(newest, time) - newest)
+                )
             header = codec.header_stamp(ros_message)
             if header is None or isinstance(message, Structured):
                 return message

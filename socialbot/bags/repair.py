@@ -204,12 +204,14 @@ class Stamps:
         topic: Name for warnings.
         offset: Clock offset (ns) to add, from `clock_offsets`.
         repeats: Whether a stamp may repeat; images need different stamps.
+        slack_s: How far a stamp may go back, on a topic of several publishers.
     """
 
-    def __init__(self, topic: str, *, offset: int = 0, repeats: bool = True) -> None:
+    def __init__(self, topic: str, *, offset: int = 0, repeats: bool = True, slack_s: float = 0.0) -> None:
         self._topic = topic
         self._offset = offset
         self._repeats = repeats
+        self._slack = nanoseconds(slack_s)
         self._stamp: int | None = None
         self._time = 0
         self._warned = False
@@ -224,7 +226,7 @@ class Stamps:
         why = ""
         if header <= 0:
             why = "are zero"
-        elif last is not None and header < last:
+        elif last is not None and header < last - self._slack:
             why = "go backwards"
         elif last is not None and header == last and not self._repeats:
             why = "repeat"
@@ -234,7 +236,7 @@ class Stamps:
             self._warned = True
             log.warning("%s: header stamps %s; the times of reception are used instead", self._topic, why)
         stamp = header if not why else time if last is None else last + max(time - self._time, 0)
-        self._stamp, self._time = stamp, time
+        self._stamp, self._time = stamp if last is None else max(stamp, last), time
         return stamp
 
 
@@ -256,3 +258,12 @@ def clock_offsets(lags: Mapping[str, int]) -> dict[str, int]:
         is_right = -nanoseconds(CLOCKS_APART_S) <= machine[0] <= nanoseconds(MAX_LAG_S)
         offsets[topic] = 0 if is_right else machine[0]
     return offsets
+
+
+def nearest_offset(lag: int, lags: Mapping[str, int], offsets: Mapping[str, int]) -> int:
+    """Clock offset (ns) of a topic with this ``lag`` (ns): that of the topic of `clock_offsets` with a similar one.
+
+    It is 0 if there is none, so that the topic comes from another machine.
+    """
+    nearest = min(lags, key=lambda topic: abs(lags[topic] - lag), default=None)
+    return 0 if nearest is None or abs(lags[nearest] - lag) > nanoseconds(MAX_LAG_S) else offsets[nearest]

@@ -155,6 +155,18 @@ class Transforms(Message, frozen=True, kw_only=True):
 
     transforms: tuple[Transform, ...]
 
+    @property
+    def newest(self) -> int | None:
+        """Newest stamp of a transform, ns; None without transforms."""
+        return max((each.stamp for each in self.transforms), default=None)
+
+    def shifted(self, by: int) -> Transforms:
+        """The same transforms with all stamps later ``by`` ns."""
+        if not by:
+            return self
+        shifted = tuple(msgspec.structs.replace(each, stamp=each.stamp + by) for each in self.transforms)
+        return msgspec.structs.replace(self, transforms=shifted)
+
 
 class JointTrajectory(Message, frozen=True, kw_only=True):
     """Target of some joints (trajectory_msgs/JointTrajectory with a single point).

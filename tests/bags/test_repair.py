@@ -11,6 +11,7 @@ import pytest
 
 from socialbot.bags.repair import MAGIC, clock_offsets, salvage
 from socialbot.core.clock import SECOND
+from socialbot.core.messages import Message, Transform, Transforms
 from tests.bags.making_bags import RAW, START, contents, make_with_rosbags, picture, times
 
 CHUNK = 6
@@ -131,3 +132,47 @@ def test_single_backward_stamp_does_not_affect_others(tmp_path: Path) -> None:
     stamps = [begin + stamp for stamp in (1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth)]
     found = [stamp - begin for stamp in stamps_of(tmp_path / "bag", stamps)]
     assert found == [1 * tenth, 2 * tenth, 3 * tenth, 4 * tenth, 5 * tenth]
+
+
+def transforms_at(stamp: int, frame: str = "camera") -> Transforms:
+    turn = Transform(
+        stamp=stamp, parent="base_link", child=frame, translation=(0.0, 0.0, 1.2), rotation=(0.0, 0.0, 0.0, 1.0)
+    )
+    return Transforms(stamp=stamp, transforms=(turn,))
+
+
+@pytest.mark.parametrize("apart_s", [0, 3600, -3600, 3, -8, -1_600_000_000])
+def test_transforms_stay_on_the_clock_of_the_images(tmp_path: Path, apart_s: int) -> None:
+    received, apart = times(20), apart_s * SECOND
+    mixed: list[tuple[str, int, Message | bytes]] = [(RAW, time, picture(time + apart)) for time in received]
+    mixed += [("/tf", time + 1, transforms_at(time + apart)) for time in received]
+    bag = make_with_rosbags(tmp_path / "bag", sorted(mixed, key=lambda each: each[1]))
+    turns = [each.transforms[0].stamp for _, each in contents(bag, "/tf", RAW) if isinstance(each, Transforms)]
+    assert turns == [message.stamp for _, message in contents(bag, RAW)] == received
+
+
+@pytest.mark.parametrize("leap_s", [-3600, -5, 3600])
+def test_transforms_follow_a_clock_that_is_set_while_recording(tmp_path: Path, leap_s: int) -> None:
+    received = times(20)
+    stamps = [time + (leap_s * SECOND if index >= 10 else 0) for index, time in enumerate(received)]
+    mixed: list[tuple[str, int, Message | bytes]] = []
+    for time, stamp in zip(received, stamps, strict=True):
+        mixed += [(RAW, time, picture(stamp)), ("/tf", time, transforms_at(stamp))]
+    bag = make_with_rosbags(tmp_path / "bag", mixed)
+    turns = [each.transforms[0].stamp for _, each in contents(bag, "/tf", RAW) if isinstance(each, Transforms)]
+    assert turns == [message.stamp for _, message in contents(bag, RAW)] == received
+
+
+def test_transforms_of_several_publishers_keep_their_stamps(tmp_path: Path) -> None:
+    """One states the pose of a second ago, another that of the near future; static ones have any stamp."""
+    mixed: list[tuple[str, int, Message | bytes]] = []
+    expected: list[int] = []
+    for time in times(20):
+        stamps = [time, time - 9 * SECOND // 10, time + 9 * SECOND // 10 - SECOND // 2]
+        mixed += [("/tf", time, transforms_at(stamp, f"frame{index}")) for index, stamp in enumerate(stamps)]
+        mixed += [("/tf_static", time, transforms_at(5, "fixed")), (RAW, time, picture(time))]
+        expected += stamps
+    found = contents(make_with_rosbags(tmp_path / "bag", mixed), "/tf", "/tf_static")
+    turns = {name: [each.transforms[0].stamp for topic, each in found if isinstance(each, Transforms) if topic == name]
+             for name in ("/tf", "/tf_static")}  # fmt: skip
+    assert turns == {"/tf": expected, "/tf_static": [5] * 20}
