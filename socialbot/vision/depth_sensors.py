@@ -258,6 +258,8 @@ def _keep(kept: deque[Any], message: Message, most: int) -> None:
 
 
 def _is_same_view(depth: CameraModel, camera: CameraModel) -> bool:
+    if depth.is_cut_by(camera.width, camera.height):
+        return False
     scaled = depth.scaled(camera.width, camera.height)
     pairs = ((scaled.fx, camera.fx, camera.fx), (scaled.fy, camera.fy, camera.fy))
     centres = ((scaled.cx, camera.cx, camera.width), (scaled.cy, camera.cy, camera.height))

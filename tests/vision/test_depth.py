@@ -389,6 +389,20 @@ def test_aligned_depth_may_have_a_frame_of_its_own(placed: bool, caplog: pytest.
     assert ["taken as registered" in record.message for record in caplog.records] == [True] * (not placed)
 
 
+@pytest.mark.parametrize("placed", [False, True])
+def test_depth_of_another_shape_is_not_registered(placed: bool) -> None:
+    """Scaled to the height of the picture and cut off at the sides, its intrinsics would be those of the picture."""
+    room = Room([Blob(2.5, 0.9)])
+    wide = CameraModel(
+        CAMERA.fx / 2, CAMERA.fy / 2, 106.0, 60.0, 212, 120, CameraPose(height_m=1.3, pitch_rad=CAMERA.pose.pitch_rad)
+    )
+    image = depth_image(with_errors(render(room, wide)), frame="depth")
+    tree = [Transforms(stamp=0, transforms=(transform("eye", "depth", (0.0, 0.0, 0.0)),))]
+    (found,) = measured(room, with_depth(room, info_of(wide, "depth"), *tree[: int(placed)], image))
+    assert (found is not None) == placed
+    assert found is None or found[0] == pytest.approx(room.people[0].distance, rel=0.05)
+
+
 def test_unregistered_depth_is_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
     room = Room([Blob(2.5)])
     other = CameraModel(400.0, 400.0, 320.0, 200.0, 640, 400)
