@@ -88,8 +88,8 @@ def evaluate(
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
     from socialbot.vision.metrics.exports import export
-    from socialbot.vision.metrics.frames import with_distances
     from socialbot.vision.metrics.matches import Rules, parse_bands
+    from socialbot.vision.metrics.pipeline import with_distances
 
     errors = Console(stderr=True)
     rules = Rules(parse_bands(bands), iou, presence)
@@ -97,7 +97,10 @@ def evaluate(
     exported = _exports(exports or [])
     sources = _sources(_labelled(bags or [], images, truth, format, people or []), split, errors)
     if distance_from is not None:
-        sources = tuple(with_distances(source, distance_from) for source in sources)
+        sources = tuple(with_distances(source, distance_from, pipelines[0]) for source in sources)
+    for source in sources:
+        for note in source.notes:
+            errors.print_plain(f"{source.name}: {note}", style="dim")
     waldo = single_node(load_graph("waldo"), "bdi_engine")
     plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler, waldo=waldo)
     figure_files = [path for path in (figures, out and out / "evaluation.json") if path is not None]
@@ -197,9 +200,6 @@ def _sources(known: list[LabelledSource], split: str | None, errors: Console) ->
     for source in known:
         if source not in sources:
             errors.print(f"{source.name} is skipped: its split is {source.split or 'none'}", style="dim", markup=False)
-    for source in sources:
-        for note in source.notes:
-            errors.print_plain(f"{source.name}: {note}", style="dim")
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

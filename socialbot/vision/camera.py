@@ -12,7 +12,7 @@ import numpy as np
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.lens import Lens
+from socialbot.vision.lens import LENS_MODELS, Lens, is_known
 from socialbot.vision.transforms import AXES
 
 Box = Sequence[float]
@@ -35,6 +35,7 @@ _USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
 _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
 
 _BENT_RAD = 0.05  # Largest change of the field of view by a lens that is nearly straight.
+_LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
 _SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
 USUAL_HFOV_RAD = 1.09
@@ -275,6 +276,41 @@ def lens_error_rad(info: CameraInfo) -> float:
     edges = ((0.0, bent.cy), (bent.width, bent.cy), (bent.cx, 0.0), (bent.cx, bent.height))
     angles = ([math.atan(math.hypot(*camera.point(*edge))) for edge in edges] for camera in (bent, straight))
     return max(abs(one - other) for one, other in zip(*angles, strict=True))
+
+
+def intrinsics_problems(info: CameraInfo | None, width: int, height: int, hfov_rad: float) -> list[str]:
+    """What is assumed of the intrinsics of images of ``width`` x ``height`` pixels, and what is doubtful in ``info``.
+
+    Without intrinsics, the field of view is ``hfov_rad``. Raises MessageError for invalid intrinsics.
+    """
+    if info is None:
+        return [f"no camera_info yet: distances assume a field of view of {hfov_rad:.2f} rad"]
+    if not is_calibrated(info):
+        return [
+            f"camera_info of {info.frame_id or 'the camera'} is not calibrated (k is 0): distances assume a field "
+            f"of view of {hfov_rad:.2f} rad; calibrate the camera, or set hfov_rad"
+        ]
+    problems = []
+    error = lens_error_rad(info)
+    if not is_known(info):
+        problems.append(
+            f"the distortion model {info.distortion_model!r} is not known, so the lens is taken as straight: "
+            f"rectify the images, for example with image_proc, or use one of {', '.join(LENS_MODELS)}"
+        )
+    elif error > _LENS_ERROR_RAD:
+        problems.append(
+            f"the lens ({info.distortion_model}) bends directions at the edge of the image by {error:.2f} rad: "
+            "directions and distances are corrected, but people look bent there, and may be missed; "
+            "rectified images are better, for example by image_proc with rectified: true"
+        )
+    known = CameraModel.from_info(info)
+    if (known.width, known.height) != (width, height):
+        cut = known.is_cut_by(width, height)
+        problems.append(
+            f"camera_info is for {known.width}x{known.height} pixels but images have {width}x{height}: "
+            f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
+        )
+    return problems
 
 
 def is_calibrated(info: CameraInfo) -> bool:

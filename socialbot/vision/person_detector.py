@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 
 from socialbot.core import paths
@@ -35,8 +36,8 @@ from socialbot.vision.camera import (
     USUAL_HFOV_RAD,
     CameraModel,
     CameraPose,
+    intrinsics_problems,
     is_calibrated,
-    lens_error_rad,
     without_lens,
 )
 from socialbot.vision.camera_pose import load_pose, save_pose
@@ -44,14 +45,12 @@ from socialbot.vision.depth_sensors import TOLERANCE_S, DepthSensors
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M
-from socialbot.vision.lens import LENS_MODELS, is_known
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import TRACKERS, PersonPipeline
 from socialbot.vision.reidentification import REMEMBER_S
 
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
-_LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
 _STEEP_RAD = 0.95  # Cameras that look down more steeply are told: people seen from above are mostly missed.
 _MANY_IMAGES = 100  # From so many images without people on, the end of a run tells it.
 
@@ -263,29 +262,11 @@ class PersonDetector(Node):
 
     @camera_info
     def on_camera_info(self, info: CameraInfo) -> None:
-        if not is_calibrated(info):
-            self._warn_once(
-                f"camera_info of {info.frame_id or 'the camera'} is not calibrated (k is 0): distances assume a field "
-                f"of view of {self.hfov_rad:.2f} rad; calibrate the camera, or set hfov_rad"
-            )
-            self._info = self._camera = None
-            return
-        if self.rectified:
-            info = without_lens(info)
-        error = lens_error_rad(info)
-        if not is_known(info):
-            self._warn_once(
-                f"the distortion model {info.distortion_model!r} is not known, so the lens is taken as straight: "
-                f"rectify the images, for example with image_proc, or use one of {', '.join(LENS_MODELS)}"
-            )
-        elif error > _LENS_ERROR_RAD:
-            self._warn_once(
-                f"the lens ({info.distortion_model}) bends directions at the edge of the image by {error:.2f} rad: "
-                "directions and distances are corrected, but people look bent there, and may be missed; "
-                "rectified images are better, for example by image_proc with rectified: true"
-            )
-        self._info = info
-        self._camera = None
+        known = msgspec.structs.replace(without_lens(info) if self.rectified else info, stamp=0)
+        if known != self._info:
+            model = CameraModel.from_info(known) if is_calibrated(known) else None
+            self._tell_intrinsics(known, (0, 0) if model is None else (model.width, model.height))
+            self._info, self._camera = known, None
 
     @depth
     @depth_compressed
@@ -342,22 +323,14 @@ class PersonDetector(Node):
         """The camera model, scaled to the size of ``image``."""
         width, height, info = image.width, image.height, self._info
         if self._camera is None or (self._camera.width, self._camera.height) != (width, height):
-            if info is None:
-                self._warn_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
-            else:
-                self._check_size(CameraModel.from_info(info), width, height)
+            self._tell_intrinsics(info, (width, height))
             pose = CameraPose.stated(self.mount_height_m, self.pitch_rad, self._filed_pose)
             self._camera = CameraModel.of_images(info, width, height, hfov_rad=self.hfov_rad, pose=pose)
         return self._camera
 
-    def _check_size(self, known: CameraModel, width: int, height: int) -> None:
-        """Warn if images of ``width`` x ``height`` pixels are not those of the ``known`` intrinsics."""
-        if (known.width, known.height) != (width, height):
-            cut = known.is_cut_by(width, height)
-            self._warn_once(
-                f"camera_info is for {known.width}x{known.height} pixels but images have {width}x{height}: "
-                f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
-            )
+    def _tell_intrinsics(self, info: CameraInfo | None, size: tuple[int, int]) -> None:
+        for problem in intrinsics_problems(info, *size, self.hfov_rad):
+            self._warn_once(problem)
 
     def _placed(self, camera: CameraModel, image: Image) -> CameraModel:
         """The camera at the pose of the transforms, if neither parameters nor a file state one."""
@@ -386,7 +359,7 @@ class PersonDetector(Node):
     def _report_pose(self, stamp: int) -> None:
         """Report the pose of the camera with the health of the node, at most every ten seconds."""
         text = f"camera {self.camera_pose}"
-        if self._info is None:
+        if self._info is None or not is_calibrated(self._info):
             text += f"; no camera_info: a field of view of {self.hfov_rad:.2f} rad is assumed"
         if self.camera_pose.source == "assumed":
             text += "; its pose is not known yet, so distances are rough"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,11 +20,9 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.core.reading import read_bytes
-from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, CameraPose, without_lens
-from socialbot.vision.depth import measure_people
+from socialbot.vision.camera import USUAL_HFOV_RAD, intrinsics_problems, without_lens
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.detector import clip
-from socialbot.vision.distance import Estimate
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
     LEAST_VISIBLE,
@@ -44,6 +43,8 @@ from socialbot.vision.metrics.truth import (
 
 Key = int | float | str
 """Id of an image or a class in a data set."""
+
+_FIRST_IMAGES = 20
 
 IMAGE_NS = SECOND
 """Distance between the stamps of independent images."""
@@ -350,46 +351,22 @@ def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
         )
         for frame in truth.frames
     )
-    return LabelledSource(name, truth.scene or name, truth.split, BagImages(str(path), topic), frames)
+    images = BagImages(str(path), topic)
+    return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=_camera_notes(images))
 
 
-def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
-    """Fill the unknown distances of people from a topic of the bag with depth images or point clouds.
-
-    Raises:
-        BagError: The bag has no such topic.
-        TruthError: ``source`` is no bag, or the depth shows none of the people.
-    """
-    where = f"{source.name}: --distance-from {topic}"
-    if not isinstance(source.images, BagImages):
-        raise TruthError("only bags have depth", where=where, remedy="name bags, or omit it")
-    unknown = {frame.stamp: frame for frame in source.frames if any(each.distance_m is None for each in frame.persons)}
-    filled: dict[int, LabelledFrame] = {}
-    for encoded in replace(source.images, depth=topic).read():
-        frame = unknown.get(encoded.stamp)
-        if frame is None or encoded.sensors is None or not isinstance(encoded.content, (Image, CompressedImage)):
-            continue
+def _camera_notes(images: BagImages) -> tuple[str, ...]:
+    """What is assumed of the camera of a bag. The CameraInfo comes within its first images."""
+    info, width, height = None, 0, 0
+    for encoded in itertools.islice(images.read(), _FIRST_IMAGES):
+        info = encoded.info or info
         try:
             height, width = encoded.bgr().shape[:2]
         except ImageError:
             continue
-        pose = CameraPose(height_m=1.0, pitch_rad=0.0)
-        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=USUAL_HFOV_RAD, pose=pose)
-        depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
-        people = frame.clipped(width, height).persons
-        stated = [None if each.distance_m is None else Estimate(each.distance_m, 0.0) for each in people]
-        found = measure_people(depth, camera, [each.box for each in people], stated)
-        persons = tuple(
-            person
-            if person.distance_m is not None or each is None
-            else msgspec.structs.replace(person, distance_m=each.estimate.value)
-            for person, each in zip(frame.persons, found, strict=True)
-        )
-        filled[frame.stamp] = replace(frame, persons=persons, ranged=True)
-    if unknown and not any(each.distance_m is not None for frame in filled.values() for each in frame.persons):
-        remedy = "check that the depth topic is registered, or that /tf_static has the pose of its sensor"
-        raise TruthError("it measures none of the labelled people", where=where, remedy=remedy)
-    return replace(source, frames=tuple(filled.get(frame.stamp, frame) for frame in source.frames))
+        if info is not None:
+            break
+    return tuple(intrinsics_problems(info, width, height, USUAL_HFOV_RAD)) if width else ()
 
 
 def _truth_of(bag: Bag, labels: Path | None) -> GroundTruth:

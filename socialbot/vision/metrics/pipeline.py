@@ -10,22 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 
 from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
 from socialbot.core.messages import CompressedImage, Image, PersonDetection
 from socialbot.graph.node import check_parameters
-from socialbot.vision.camera import CameraModel, CameraPose
-from socialbot.vision.camera_pose import load_pose, pose_beside
-from socialbot.vision.depth import RangeImage
+from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose
+from socialbot.vision.camera_pose import PoseEstimator, load_pose, pose_beside
+from socialbot.vision.depth import RangeImage, measure_people
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.metrics.frames import BagImages, EncodedImage, ImageSequence
+from socialbot.vision.distance import Estimate
+from socialbot.vision.metrics.frames import BagImages, EncodedImage, ImageSequence, LabelledFrame, LabelledSource
 from socialbot.vision.metrics.workers import run_in_processes
 from socialbot.vision.person_detector import PersonDetector
 from socialbot.vision.pipeline import PersonPipeline
 
 FLOOR_SHARE = 0.2  # Curves start at this share of the threshold.
+
+_LEVEL = msgspec.structs.replace(ASSUMED, pitch_rad=0.0)
 
 _NOT_SET = ("detector", "threads")  # These have options of their own.
 
@@ -102,6 +106,37 @@ def _value(name: str, text: str) -> Any:
     return declared[name].check(value, where=f"--set {name}")
 
 
+class SourceCamera:
+    """Camera and depth of the images of a source, as the node `PersonDetector` knows them with these settings.
+
+    The pose of the camera is that of the settings, else of the pose file beside the bag, else of its transforms.
+    """
+
+    def __init__(self, settings: PipelineSettings, images: ImageSequence | None) -> None:
+        self._values = settings.values
+        beside = load_pose(pose_beside(Path(images.path))) if isinstance(images, BagImages) else None
+        self._stated = self._values["mount_height_m"], self._values["pitch_rad"]
+        self._pose = CameraPose.stated(*self._stated, beside)
+
+    def at(self, encoded: EncodedImage, width: int, height: int) -> tuple[CameraModel, Sequence[RangeImage]]:
+        """The camera, and the depth near the stamp, of an image of ``width`` x ``height`` pixels.
+
+        Raises MessageError for invalid intrinsics.
+        """
+        hfov_rad = self._values["hfov_rad"]
+        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=self._pose)
+        if encoded.sensors is None or not isinstance(encoded.content, (Image, CompressedImage)):
+            return camera, ()
+        sensors, frame_id = encoded.sensors, encoded.content.frame_id
+        if self._pose.source == "assumed":
+            known = sensors.camera_pose(frame_id, encoded.stamp)
+            camera = camera if known is None else camera.at(CameraPose.stated(*self._stated, known))
+        camera = replace(camera, yaw_rad=sensors.camera_yaw(frame_id, encoded.stamp))
+        sensors.tolerance_s = self._values["depth_tolerance_s"]
+        sensors.set_pose(self._values["depth_pose"])
+        return camera, sensors.at(encoded.stamp, frame_id, camera)
+
+
 class EvaluatedPipeline:
     """Perception pipeline that, with ``recording``, also returns all boxes down to a low score."""
 
@@ -115,17 +150,13 @@ class EvaluatedPipeline:
     ) -> None:
         """Build the pipeline for ``images``, which are not tracked if they are not consecutive.
 
-        The pose of the camera is that of the settings, else of the pose file beside the bag, else of its transforms.
-
         Raises:
             InstallationError: A package of the detector is missing.
             ParameterError: Its settings are invalid.
         """
-        self._values = values = settings.values
+        values = settings.values
         consecutive = images is None or images.consecutive
-        beside = load_pose(pose_beside(Path(images.path))) if isinstance(images, BagImages) else None
-        self._stated = values["mount_height_m"], values["pitch_rad"]
-        self._pose = CameraPose.stated(*self._stated, beside)
+        self._camera = SourceCamera(settings, images)
         self._floor = settings.floor if recording else None
         own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
         self._pipeline = PersonPipeline(
@@ -147,18 +178,7 @@ class EvaluatedPipeline:
 
         Raises MessageError for an uncalibrated camera.
         """
-        (height, width), hfov_rad = image.shape[:2], self._values["hfov_rad"]
-        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=self._pose)
-        depth: Sequence[RangeImage] = ()
-        if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
-            if self._pose.source == "assumed":
-                known = encoded.sensors.camera_pose(encoded.content.frame_id, encoded.stamp)
-                camera = camera if known is None else camera.at(CameraPose.stated(*self._stated, known))
-            yaw_rad = encoded.sensors.camera_yaw(encoded.content.frame_id, encoded.stamp)
-            camera = replace(camera, yaw_rad=yaw_rad)
-            encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
-            encoded.sensors.set_pose(self._values["depth_pose"])
-            depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
+        camera, depth = self._camera.at(encoded, image.shape[1], image.shape[0])
         if self._floor is None:
             return self._pipeline.find(image, encoded.stamp, camera, depth), ()
         # With greedy suppression, boxes above the threshold do not depend on those below it.
@@ -166,6 +186,64 @@ class EvaluatedPipeline:
         good = found.scores >= self._pipeline.threshold
         kept = Detections(found.boxes[good], found.scores[good])
         return self._pipeline.follow(kept, image, encoded.stamp, camera, depth), self._pipeline.measured(found, camera)
+
+
+def with_distances(source: LabelledSource, topic: str, settings: PipelineSettings) -> LabelledSource:
+    """Fill the unknown distances of people from a topic of the bag with depth images or point clouds.
+
+    They are horizontal, so the pitch of the camera counts: that of the settings, of the pose file, of the transforms,
+    or else of the floor in the depth.
+
+    Raises:
+        BagError: The bag has no such topic.
+        TruthError: ``source`` is no bag, or the depth shows none of the people.
+    """
+    where = f"{source.name}: --distance-from {topic}"
+    if not isinstance(source.images, BagImages):
+        raise TruthError("only bags have depth", where=where, remedy="name bags, or omit it")
+    unknown = {frame.stamp: frame for frame in source.frames if any(each.distance_m is None for each in frame.persons)}
+    eyes, floor = SourceCamera(settings, source.images), PoseEstimator(_LEVEL)
+    filled: dict[int, LabelledFrame] = {}
+    level = 0
+    for encoded in replace(source.images, depth=topic).read():
+        frame = unknown.get(encoded.stamp)
+        if frame is None:
+            continue
+        try:
+            height, width = encoded.bgr().shape[:2]
+        except ImageError:
+            continue
+        camera, depth = eyes.at(encoded, width, height)
+        if camera.pose.source == "assumed":
+            if depth:
+                floor.see_floor(depth[0].cloud(camera))
+            camera = camera.at(floor.pose)
+            level += not floor.floors
+        people = frame.clipped(width, height).persons
+        stated = [None if each.distance_m is None else Estimate(each.distance_m, 0.0) for each in people]
+        found = measure_people(depth, camera, [each.box for each in people], stated)
+        persons = tuple(
+            person
+            if person.distance_m is not None or each is None
+            else msgspec.structs.replace(person, distance_m=each.estimate.value)
+            for person, each in zip(frame.persons, found, strict=True)
+        )
+        filled[frame.stamp] = replace(frame, persons=persons, ranged=True)
+    distances = [each.distance_m for frame in filled.values() for each in frame.persons]
+    missing = distances.count(None)
+    if unknown and missing == len(distances):
+        remedy = "check that the depth topic is registered, or that /tf_static has the pose of its sensor"
+        raise TruthError("it measures none of the labelled people", where=where, remedy=remedy)
+    notes = [*source.notes]
+    if missing:
+        notes.append(f"{missing} of {len(distances)} distances stay unknown: {topic} does not measure these people")
+    if level:
+        notes.append(
+            f"in {level} of {len(filled)} images the camera is taken as level for the distances on {topic}: "
+            "calibrate it, or set mount_height_m and pitch_rad"
+        )
+    frames = tuple(filled.get(frame.stamp, frame) for frame in source.frames)
+    return replace(source, frames=frames, notes=tuple(notes))
 
 
 @dataclass(frozen=True)
