@@ -85,12 +85,16 @@ class BagTopic:
 
 @dataclass(frozen=True)
 class MessageLocation:
-    """Location of a message: its stamp (ns), the index of the file, the topic and the time of reception (ns)."""
+    """Location of a message: the index of the file, the topic and the time of reception (ns).
+
+    ``stamp`` (ns) is that of `Bag.messages`, ``header`` that in the message.
+    """
 
     stamp: int
     file: int
     topic: str
     time: int
+    header: int
 
 
 @dataclass
@@ -385,7 +389,7 @@ class Bag(AbstractContextManager["Bag"]):
             header = None if ros_message is None else codec.header_stamp(ros_message)
             received = times.next(time)
             if header is not None:
-                yield MessageLocation(stamps.next(header, received), file, name, time)
+                yield MessageLocation(stamps.next(header, received), file, name, time, header)
 
     def stamps(self, name: str) -> Stamps:
         """New correction of the header stamps of the topic ``name``.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -338,6 +338,8 @@ def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
     with open_bag(path) as bag:
         truth = _truth_of(bag, labels)
         topic = bag.choose_image_topic(truth.image_topic).name
+        stamps = {place.header: place.stamp for place in bag.locations(topic)}
+    truth = _on_the_clock(truth, stamps)
     name = bag_name(path)
     start = truth.frames[0].stamp if truth.frames else 0
     frames = tuple(
@@ -353,6 +355,18 @@ def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
     )
     images = BagImages(str(path), topic)
     return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=_camera_notes(images))
+
+
+def _on_the_clock(truth: GroundTruth, stamps: Mapping[int, int]) -> GroundTruth:
+    """Ground truth with the corrected stamps of the images, from those by the stamps in their headers."""
+    corrected = set(stamps.values())
+    frames = (
+        frame
+        if frame.stamp in corrected
+        else msgspec.structs.replace(frame, stamp=stamps.get(frame.stamp, frame.stamp))
+        for frame in truth.frames
+    )
+    return msgspec.structs.replace(truth, frames=tuple(sorted(frames, key=lambda frame: frame.stamp)))
 
 
 def _camera_notes(images: BagImages) -> tuple[str, ...]:

@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import pytest
 
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.vision.metrics.frames import bag_source, image_sources, with_own_names
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures
@@ -65,6 +68,28 @@ def test_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
     alone = file.rename(tmp_path / "run.1.mcap")
     (tmp_path / "clip.truth.json").rename(tmp_path / "run.1.truth.json")
     assert bag_source(alone).name == "run.1"
+
+
+@pytest.mark.parametrize("apart_s", [-1_690_000_000, 7200])
+def test_truth_with_the_stamps_of_headers_fits_images_on_a_corrected_clock(tmp_path, apart_s):
+    """The camera counts from its start, or its clock is ahead; it starts again between the last two images."""
+    bag = drawn_bag(tmp_path, frames=4)
+    truth = json.loads((tmp_path / "clip.truth.json").read_text())
+    topic, apart, back = truth["image_topic"], apart_s * SECOND, 50 * SECOND
+    with open_bag(bag) as recorded, BagWriter(tmp_path / "boot") as writer:
+        images = [message for _, message in recorded.messages({topic: topic})]
+        for number, image in enumerate(images):
+            header = image.stamp + apart - (back if number == 3 else 0)
+            writer.write(topic, msgspec.structs.replace(image, stamp=header), image.stamp)
+            truth["frames"][number]["stamp"] = header
+    truth["frames"].sort(key=lambda frame: frame["stamp"])
+    (tmp_path / "labels.json").write_text(json.dumps(truth))
+    source = bag_source(tmp_path / "boot", tmp_path / "labels.json")
+    expected = bag_source(bag).frames
+    assert [(frame.stamp, frame.persons) for frame in source.frames] == [
+        (frame.stamp, frame.persons) for frame in expected
+    ]
+    assert [image.stamp for image in source.images.read()] == [frame.stamp for frame in expected]
 
 
 def test_bag_without_truth(tmp_path):
