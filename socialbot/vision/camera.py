@@ -35,6 +35,7 @@ _USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
 _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
 
 _BENT_RAD = 0.05  # Largest change of the field of view by a lens that is nearly straight.
+_WIDEST_SHAPE = 3  # Cinema has 2.4, three screens or two pictures of 16:9 have more.
 _LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
 _SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
@@ -283,14 +284,20 @@ def intrinsics_problems(info: CameraInfo | None, width: int, height: int, hfov_r
 
     Without intrinsics, the field of view is ``hfov_rad``. Raises MessageError for invalid intrinsics.
     """
+    problems = []
+    if (info is None or not is_calibrated(info)) and width > _WIDEST_SHAPE * height:
+        problems.append(
+            f"images of {width}x{height} are a panorama or pictures side by side: directions and distances are wrong, "
+            "since one straight lens is assumed; use one picture of one lens, with its camera_info"
+        )
     if info is None:
-        return [f"no camera_info yet: distances assume a field of view of {hfov_rad:.2f} rad"]
+        return [*problems, f"no camera_info yet: distances assume a field of view of {hfov_rad:.2f} rad"]
     if not is_calibrated(info):
-        return [
+        problems.append(
             f"camera_info of {info.frame_id or 'the camera'} is not calibrated (k is 0): distances assume a field "
             f"of view of {hfov_rad:.2f} rad; calibrate the camera, or set hfov_rad"
-        ]
-    problems = []
+        )
+        return problems
     error = lens_error_rad(info)
     if not is_known(info):
         problems.append(

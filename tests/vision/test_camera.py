@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, CameraPose, lens_error_rad, without_lens
+from socialbot.vision.camera import (
+    USUAL_HFOV_RAD,
+    CameraModel,
+    CameraPose,
+    intrinsics_problems,
+    lens_error_rad,
+    without_lens,
+)
 from socialbot.vision.lens import Lens
 from socialbot.vision.motion import moved
 
@@ -282,3 +289,14 @@ def test_error_of_a_lens_is_that_of_opencv(k1: float):
     angle = math.atan(320 / 300) - lens_error_rad(info) * (1 if k1 > 0 else -1)
     seen = math.tan(angle)
     assert seen * (1 + k1 * seen**2) == pytest.approx(320 / 300, abs=0.01)
+
+
+@pytest.mark.parametrize(("size", "told"), [((3840, 480), 2), ((3840, 1080), 2), ((2520, 1080), 1), ((480, 3840), 1)])
+def test_panoramas_and_pictures_side_by_side_are_told(size: tuple[int, int], told: int) -> None:
+    k = (800.0, 0.0, size[0] / 2, 0.0, 800.0, size[1] / 2, 0.0, 0.0, 1.0)
+    info = CameraInfo(stamp=0, frame_id="eye", width=size[0], height=size[1], k=k)
+    assert intrinsics_problems(info, *size, 1.09) == []
+    for unknown in (None, msgspec.structs.replace(info, k=(0.0,) * 9)):
+        problems = intrinsics_problems(unknown, *size, 1.09)
+        assert sum("panorama" in problem for problem in problems) == told - 1
+        assert len(problems) == told
