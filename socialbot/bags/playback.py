@@ -89,6 +89,7 @@ def _image_feeds(
         remedy = "add an image_converter to the graph"
         raise GraphError(f"no input takes {chosen.type}", where=graph.name, remedy=remedy)
     feeds = {chosen.name: chosen.name if chosen.name in fitting else fitting[0]}
+    graph.check_alternatives(feeds[chosen.name])
     readers = {
         topic: {config.name for config in graph.nodes if topic in (each for each, _ in config.subscriptions)}
         for topic in inputs

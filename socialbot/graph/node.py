@@ -476,6 +476,25 @@ class Graph:
                         remedy=f"give each its own topic: remap: {{{port.name}: /{config.name}/{port.name}}}",
                     )
 
+    def check_alternatives(self, topic: str) -> None:
+        """Raise GraphError if ``topic`` is an alternative input of two nodes whose other inputs are not the same.
+
+        One of them would get the messages of both: the images of two cameras.
+        """
+        groups: dict[frozenset[str], str] = {}
+        for config in self.nodes:
+            for port in (port for each, port in config.subscriptions if each == topic):
+                first = port.alternative_to or port
+                group = frozenset(each for each, one in config.subscriptions if first in (one, one.alternative_to))
+                if len(group) > 1:
+                    groups.setdefault(group, config.name)
+                if len(groups) > 1:
+                    raise GraphError(
+                        f"{' and '.join(groups.values())} share {topic}, but no other input of the same purpose",
+                        where=f"{config.place(self.name)}.{port.name}",
+                        remedy=f"give it a topic of its own, beside its other input: remap: {{{port.name}: ...}}",
+                    )
+
     def _check_topics(self) -> None:
         types: dict[str, tuple[type[Message], str]] = {}
         published = {topic for config in self.nodes for topic, _ in config.publications}
@@ -518,6 +537,8 @@ class Graph:
                         remedy=f"list it under 'inputs' if a node outside the graph publishes it; "
                         f"{suggestion(topic, sources)}",
                     )
+        for topic in sorted(sources):
+            self.check_alternatives(topic)
         self._check_exclusive_topics()
         if self.paced_by and self.paced_by not in published:
             raise GraphError(

@@ -23,7 +23,7 @@ from socialbot.bags.cameras import (
 from socialbot.bags.playback import feeding
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import BagError
+from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import (
     CameraInfo,
     CompressedDepth,
@@ -331,6 +331,33 @@ def test_two_cameras_with_depth_feed_two_detectors(tmp_path: Path, chosen: str) 
     with open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag:
         feeds = feeding(bag, load_graph(str(tmp_path / "two.yaml")).without_sources(), f"/{chosen}/image")
     assert feeds == {name: name for name, _, _ in contents}
+
+
+SHARED = """
+name: shared
+inputs: [/camera/image_raw/compressed, /camera/image_raw, /rear/image_raw]
+nodes:
+  front_converter: {type: image_converter}
+  rear_converter: {type: image_converter, remap: {image_raw: /rear/image_raw, image_color: /rear/color}}
+"""
+
+
+def test_two_cameras_do_not_share_the_topic_of_compressed_images(tmp_path: Path) -> None:
+    (tmp_path / "shared.yaml").write_text(SHARED)
+    with pytest.raises(
+        GraphError, match="front_converter and rear_converter share /camera/image_raw/compressed"
+    ) as why:
+        load_graph(str(tmp_path / "shared.yaml"))
+    assert "image_compressed" in str(why.value.remedy)
+    (tmp_path / "raw.yaml").write_text(SHARED.replace("/camera/image_raw/compressed, ", ""))
+    graph = load_graph(str(tmp_path / "raw.yaml"))
+    jpeg = packed("jpeg", np.zeros((6, 8), np.uint8))
+    contents = [(f"/{side}/image_raw/compressed", START, jpeg) for side in ("camera", "rear")]
+    with (
+        open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag,
+        pytest.raises(GraphError, match="share /camera/image_raw/compressed"),
+    ):
+        feeding(bag, graph, "/rear/image_raw/compressed")
 
 
 def test_messages_with_distances_are_told_apart(tmp_path: Path) -> None:
