@@ -114,7 +114,8 @@ def camera_info_of(image: str, infos: Collection[str], images: Collection[str], 
     """CameraInfo topic of the images on ``image``; empty if there is none.
 
     It lies in the namespace of the images, or below their topic, or in the namespace around: there it may belong to
-    other images, and does if these have another frame.
+    other images, and does if these have another frame. Else it is one with the frame of the images, such as that of
+    the depth registered to them.
 
     Args:
         image: Topic of the images.
@@ -133,7 +134,8 @@ def camera_info_of(image: str, infos: Collection[str], images: Collection[str], 
             found.sort(key=lambda info: (frame(info) != frame(image), -_shared(info, name), info))
         if found:
             return found[0]
-    return ""
+    alike = [info for info in infos if frame(info) == frame(image) != ""]
+    return min(alike, key=lambda info: (-_shared(info.split("/"), name.split("/")), info), default="")
 
 
 def is_rectified(topic: str) -> bool:

@@ -185,10 +185,13 @@ def test_registered_depth_of_another_camera_is_not_preferred_to_that_in_the_fram
         ("/head/right_image", ["/head/left_camera_info", "/head/right_camera_info"], ["/head/left_image"],
          "/head/right_camera_info"),
         ("/camera/image_raw", ["/lidar/camera_info"], [], ""),
+        ("/rgb1/image", ["/aligned1/camera_info", "/rear1/camera_info"], [], "/aligned1/camera_info"),
     ],
 )  # fmt: skip
 def test_camera_info_belongs_to_the_images(image: str, infos: list[str], others: list[str], chosen: str) -> None:
-    assert camera_info_of(image, infos, [image, *others], lambda topic: f"frame{topic}".rpartition("/")[0]) == chosen
+    frames = {"/rgb1/image": "color", "/aligned1/camera_info": "color"}
+    frame = lambda topic: frames.get(topic, f"frame{topic}".rpartition("/")[0])  # noqa: E731
+    assert camera_info_of(image, infos, [image, *others], frame) == chosen
 
 
 def test_lidar_is_preferred_to_clouds_of_a_depth_camera() -> None:
