@@ -53,6 +53,35 @@ class WallClock:
         return (time.time_ns() - self.now()) / SECOND
 
 
+class SteadyStamps:
+    """Stamps of messages in order, which go on with the time of their arrival where the clock of the sender is set.
+
+    A stamp before the last one, or ahead of the time since then by more than 5 s, is that of a clock that was set.
+    Messages that waited on their way, and after them others that did not, are ahead by less.
+
+    Args:
+        late_s: How far a stamp may go back, of a message that others have overtaken.
+    """
+
+    _SET_NS = 5 * SECOND
+
+    def __init__(self, late_s: float = 0.0) -> None:
+        self._late = nanoseconds(late_s)
+        self._stamp: int | None = None
+        self._now = self._offset = 0
+
+    def at(self, stamp: int, now: int) -> int:
+        """The time (ns) of a message with ``stamp`` that arrives ``now``, by the clock that the sender had first."""
+        if self._stamp is not None:
+            step, elapsed = stamp - self._stamp, max(now - self._now, 0)
+            if -self._late <= step < 0:
+                return stamp + self._offset
+            if step < 0 or step - elapsed > self._SET_NS:
+                self._offset += elapsed - step
+        self._stamp, self._now = stamp, now
+        return stamp + self._offset
+
+
 class ForwardClock:
     """Monotonic view of a clock that may jump back, such as that of a bag played in a loop."""
 

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core import paths
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, SteadyStamps
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import (
     BoxMarkers,
@@ -203,6 +203,7 @@ class PersonDetector(Node):
         self._reported, self._reported_at = "", -(2**62)
         self._info: CameraInfo | None = None
         self._sensors = DepthSensors()
+        self._time = SteadyStamps()
         self._pipeline = PersonPipeline(
             self._spec,
             detector,
@@ -287,7 +288,8 @@ class PersonDetector(Node):
         camera = replace(camera, yaw_rad=yaw_rad)
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
         bgr = image.bgr()
-        persons = self._pipeline.find(bgr, image.stamp, camera, depth)
+        time = self._time.at(image.stamp, self.clock.now())
+        persons = self._pipeline.find(bgr, time, camera, depth)
         pose = self.camera_pose
         source = "unknown" if pose.source == "assumed" else pose.source
         self._without_people = -1 if persons or self._without_people < 0 else self._without_people + 1
@@ -314,8 +316,8 @@ class PersonDetector(Node):
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
         self._save_pose(_SAVE_NS)
-        self._report_pose(image.stamp)
-        turn = self._turned.look(bgr, image.stamp, persons) if self._turned is not None else ""
+        self._report_pose(time)
+        turn = self._turned.look(bgr, time, persons) if self._turned is not None else ""
         if turn:
             self._warn_once(f"the camera seems to be turned: people are upright in images turned by {turn}")
 

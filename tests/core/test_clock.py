@@ -10,7 +10,7 @@ import time
 import pytest
 
 from socialbot.bdi import Action, Engine, wait
-from socialbot.core.clock import EPOCH_VARIABLE, SECOND, ForwardClock, WallClock
+from socialbot.core.clock import EPOCH_VARIABLE, SECOND, ForwardClock, SteadyStamps, WallClock
 from tests.bdi.lab import go, p
 
 
@@ -74,3 +74,20 @@ def test_simulated_time_continues_after_a_jump_back():
     told = iter([10, 12, 2, 3, 1, 5])
     clock = ForwardClock(lambda: next(told))
     assert [clock.now() for _ in range(6)] == [10, 12, 12, 13, 13, 17]
+
+
+@pytest.mark.parametrize("leap_s", [-3600.0, -1.0, -0.3, 3600.0, 8.0])
+def test_stamps_go_on_where_the_clock_of_the_sender_is_set(leap_s):
+    steady = SteadyStamps()
+    found = [steady.at(n * SECOND // 5 + round(leap_s * SECOND) * (n >= 7), n * SECOND // 5) for n in range(20)]
+    assert found == [n * SECOND // 5 for n in range(20)]
+
+
+def test_stamps_of_messages_that_waited_are_kept():
+    """A link stands still for three seconds; the messages of that time arrive at once, or are lost."""
+    steady = SteadyStamps()
+    for stamp, now in ((0, 0), (1, 1), (2, 5), (3, 5), (6, 6), (7, 7)):
+        assert steady.at(stamp * SECOND, now * SECOND) == stamp * SECOND
+    steady = SteadyStamps(late_s=1.0)
+    for tenth in (0, 5, 3, 6, 20, 11, 21):
+        assert steady.at(tenth * SECOND // 10, SECOND) == tenth * SECOND // 10

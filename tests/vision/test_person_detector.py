@@ -85,6 +85,17 @@ class Rig:
         self.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=width, height=height, k=k), time=0)
 
 
+@pytest.mark.parametrize("leap_s", [-3600, -1, 3600])
+def test_people_keep_their_ids_when_the_clock_of_the_camera_is_set(stub, leap_s):
+    rig = Rig()
+    for tenth in range(30):
+        now = (100 + tenth) * SECOND // 10
+        stamp = now + leap_s * SECOND * (tenth >= 15)
+        rig.runner.feed(COLOR, Image.from_bgr(BLANK, stamp=stamp + 3600 * SECOND, frame_id="eye"), time=now)
+        assert rig.detections[-1].stamp == stamp + 3600 * SECOND
+    assert {each.track_id for shown in rig.detections[3:] for each in shown.persons} == {"t1", "t2"}
+
+
 DEPTH = "/camera/depth/image_raw"
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import msgspec
+
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig, silent, waldo
+from socialbot.agents.waldo.waldo import OVERTAKEN_S, PersonSensor, WaldoConfig, silent, waldo
 from socialbot.bdi import ANYTHING, Engine
-from socialbot.core.clock import nanoseconds
+from socialbot.core.clock import SteadyStamps, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import ActionRequest, HeadCommand, Health, Mind, PersonDetections, TraceRecord, Utterance
 from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, HealthReports
@@ -64,6 +66,7 @@ class WaldoNode(AgentNode):
         for name in self.parameter_values:
             self.on_parameter(name)
         self._sensor = PersonSensor(self._config)
+        self._stamps = SteadyStamps(OVERTAKEN_S)
         self._healths = HealthReports()
         self._has_seen = False
         self._silent = False
@@ -85,7 +88,8 @@ class WaldoNode(AgentNode):
         self._healths.goes_on(now)
         # A wrong camera clock must not date beliefs in the future or in the distant past.
         since = message.stamp if 0 <= now - message.stamp <= nanoseconds(LATE_S) else now
-        self.engine.perceive(self._sensor, message, cause=message.id, since=since)
+        percept = msgspec.structs.replace(message, stamp=self._stamps.at(message.stamp, now))
+        self.engine.perceive(self._sensor, percept, cause=message.id, since=since)
 
     @health
     def on_health(self, health: Health) -> None:

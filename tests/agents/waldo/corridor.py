@@ -37,6 +37,7 @@ class Corridor:
         self.minds: list[Mind] = []
         self.frame = 0
         self.faces: bool | None = None
+        self.camera_ahead_s = 0.0
         self.shown: list[int] = []
         self.runner.tap("/waldo/actions", self._act)
         self.runner.tap("/waldo/trace", lambda _, record: self.trace.append(record))  # type: ignore[arg-type]
@@ -50,14 +51,16 @@ class Corridor:
 
     def see(self, *persons: PersonDetection, times: int = 1) -> None:
         for _ in range(times):
-            stamp = self.frame * nanoseconds(PERIOD_S)
+            now = self.frame * nanoseconds(PERIOD_S)
+            stamp = now + nanoseconds(self.camera_ahead_s)
             if any(p.distance_m is None or p.distance_m <= WaldoNode.range_m.default for p in persons):
-                self.shown.append(stamp)
+                self.shown.append(now)
             self.runner.feed(
                 DETECTIONS,
                 PersonDetections(
                     stamp=stamp, frame_id="camera", width=640, height=480, persons=persons, faces=self.faces
                 ),
+                time=now,
             )
             self.frame += 1
 

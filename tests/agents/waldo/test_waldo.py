@@ -50,6 +50,18 @@ def test_acts_on_arrivals_and_departures(scenes, did):
     assert corridor.faults == 0
 
 
+@pytest.mark.parametrize("leap_s", [-3600.0, -1.5, 3600.0])
+def test_a_camera_whose_clock_is_set_changes_nothing(leap_s):
+    corridor = Corridor()
+    corridor.until(3, person(track="t1"))
+    corridor.camera_ahead_s = leap_s
+    corridor.until(6, person(track="t1"))
+    corridor.until(20)
+    corridor.until(40, person(track="t1"))
+    assert corridor.did == [(0.5, "greeting"), (7.2, "stayIdle"), (28.2, "offer")]
+    assert corridor.faults == 0
+
+
 @pytest.mark.parametrize(
     ("frames", "did"),
     [
