@@ -95,7 +95,9 @@ def evaluate(
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], tracking=tracking)
     exported = _exports(exports or [])
-    sources = _sources(_labelled(bags or [], images, truth, format, people or []), split, errors)
+    sources = _sources(
+        _labelled(bags or [], images, truth, format, people or [], pipelines[0].values["hfov_rad"]), split, errors
+    )
     if distance_from is not None:
         sources = tuple(with_distances(source, distance_from, pipelines[0]) for source in sources)
     for source in sources:
@@ -162,9 +164,14 @@ def _exports(texts: list[str]) -> list[tuple[str, Path]]:
 
 
 def _labelled(
-    paths: list[Path], images: Path | None, truth: Path | None, format: str | None, people: list[str]
+    paths: list[Path],
+    images: Path | None,
+    truth: Path | None,
+    format: str | None,
+    people: list[str],
+    hfov_rad: float,
 ) -> list[LabelledSource]:
-    """Open the bags and data sets ``paths``, and the labelled ``images``."""
+    """Open the bags and data sets ``paths``, and the labelled ``images``; ``hfov_rad`` is for unknown cameras."""
     from socialbot.vision.metrics.formats import labelled_sources
     from socialbot.vision.metrics.frames import bag_source, with_own_names
 
@@ -178,7 +185,7 @@ def _labelled(
         if path.exists() and (format or not _is_bag(path)):
             found = labelled_sources(path, truth if images is None else None, format, people)
         else:
-            found = [bag_source(path, truth if images is None else None)]
+            found = [bag_source(path, truth if images is None else None, hfov_rad=hfov_rad)]
         sources += [(path, source) for source in found]
     if images is not None:
         sources += [(images, source) for source in labelled_sources(images, truth, format, people)]

@@ -328,8 +328,10 @@ def with_own_names(found: Sequence[tuple[Path, LabelledSource]]) -> list[Labelle
     ]
 
 
-def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
+def bag_source(path: Path, labels: Path | None = None, *, hfov_rad: float = USUAL_HFOV_RAD) -> LabelledSource:
     """Open a bag with the ground truth file ``labels``, by default the one beside it, or else that in it.
+
+    ``hfov_rad`` is the field of view of a camera without intrinsics, for the notes.
 
     Raises:
         BagError: The bag cannot be read.
@@ -354,7 +356,7 @@ def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
         for frame in truth.frames
     )
     images = BagImages(str(path), topic)
-    return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=_camera_notes(images))
+    return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=_camera_notes(images, hfov_rad))
 
 
 def _on_the_clock(truth: GroundTruth, stamps: Mapping[int, int]) -> GroundTruth:
@@ -369,7 +371,7 @@ def _on_the_clock(truth: GroundTruth, stamps: Mapping[int, int]) -> GroundTruth:
     return msgspec.structs.replace(truth, frames=tuple(sorted(frames, key=lambda frame: frame.stamp)))
 
 
-def _camera_notes(images: BagImages) -> tuple[str, ...]:
+def _camera_notes(images: BagImages, hfov_rad: float) -> tuple[str, ...]:
     """What is assumed of the camera of a bag. The CameraInfo comes within its first images."""
     info, width, height = None, 0, 0
     for encoded in itertools.islice(images.read(), _FIRST_IMAGES):
@@ -380,7 +382,7 @@ def _camera_notes(images: BagImages) -> tuple[str, ...]:
             continue
         if info is not None:
             break
-    return tuple(intrinsics_problems(info, width, height, USUAL_HFOV_RAD)) if width else ()
+    return tuple(intrinsics_problems(info, width, height, hfov_rad)) if width else ()
 
 
 def _truth_of(bag: Bag, labels: Path | None) -> GroundTruth:

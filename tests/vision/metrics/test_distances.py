@@ -140,8 +140,9 @@ def test_assumed_intrinsics_are_told(bag: Path, tmp_path: Path) -> None:
                         writer.write(topic, msgspec.structs.replace(message, **info), message.stamp)
                 else:
                     writer.write(topic, message, message.stamp)
-        (note,) = bag_source(tmp_path / name, labels(bag)).notes
+        (note,) = bag_source(tmp_path / name, labels(bag), hfov_rad=1.5).notes
         assert told in note
+        assert ("field of view of 1.50 rad" in note) == (name in ("none", "zero"))
 
 
 def test_command_takes_labels_and_a_depth_topic(bag: Path, tmp_path: Path) -> None:
