@@ -21,6 +21,7 @@ from socialbot.graph.ports import Input, Output, Parameter
 from socialbot.speech.messages import SpeechMarks
 from socialbot.speech.neural import PiperVoice, join, open_voice
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
+from socialbot.speech.spoken_text import spoken_text
 from socialbot.speech.synthesis import Sound
 
 MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
@@ -267,7 +268,8 @@ class Speaker(Node):
         Raises:
             SocialbotError: The utterance cannot be spoken.
         """
-        voice, text = self.voice_for(utterance.language), without_markup(utterance.text)
+        voice = self.voice_for(utterance.language)
+        text = spoken_text(utterance.text, getattr(voice, "language", ""))
         name = f"{self._spoken + 1:03d}-{slug(utterance.text)}.wav" if self._folder else ""
         if isinstance(voice, PiperVoice):
             rest = voice.parts(text)
@@ -433,24 +435,6 @@ def _read_voices(text: str, *, where: str) -> dict[str, str]:
         if len(language) != 2 or not voice:
             raise ParameterError(f"{text!r} names no voices by language", where=where, remedy="write: de=de+f3 fr=fr")
     return {language: voice for language, _, voice in pairs}
-
-
-_MARKUP = (
-    (re.compile(r"</?[A-Za-z][^<>]*>"), ""),  # tags
-    (re.compile(r"\[([^\[\]\n]+)\]\([^()\s]*\)"), r"\1"),  # links
-    (re.compile(r"^#+\s+", re.MULTILINE), ""),  # headings
-    (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]{0,200}?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
-    (re.compile("[\u2600-\u27bf\U0001f000-\U0001faff][\u200d\ufe0f]*"), ""),  # emoji
-)
-
-
-def without_markup(text: str) -> str:
-    """Return ``text`` without HTML tags, Markdown and emoji, which voices would read aloud; unchanged if all is."""
-    plain = text
-    for pattern, kept in _MARKUP:
-        plain = pattern.sub(kept, plain)
-    plain = re.sub(r"[ \t]{2,}", " ", plain).strip() if plain != text else text
-    return plain if any(map(str.isalnum, plain)) else text
 
 
 def slug(text: str) -> str:

@@ -77,7 +77,7 @@ from socialbot.runtime.deployment import load_deployment
 from socialbot.runtime.sweeps import Journal, parse_variation
 from socialbot.speech.audio import read_wav
 from socialbot.speech.neural import read_config, split
-from socialbot.speech.speaker import without_markup
+from socialbot.speech.spoken_text import spoken_text
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.camera_pose import load_pose
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
@@ -581,7 +581,8 @@ def _said(data: bytes) -> None:
     grammar, text = _small_talk().grammar, text_of(data)[: limits.SENTENCE_CHARACTERS]
     for language in grammar.languages:
         grammar.read(text, language)
-    split(without_markup(text))
+    for language in ("en", "de", "es", "fr"):
+        split(spoken_text(text, language))
 
 
 @functools.cache

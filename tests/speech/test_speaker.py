@@ -16,7 +16,8 @@ from socialbot.core.messages import AudioData, Message, SpeechStatus, StopSpeech
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
-from socialbot.speech.speaker import Speaker, slug, without_markup
+from socialbot.speech.speaker import Speaker, slug
+from socialbot.speech.spoken_text import spoken_text, without_markup
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 
@@ -410,9 +411,48 @@ def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
     assert without_markup(text) == spoken
 
 
-@pytest.mark.parametrize("part", ["*a ", "`", "*", "<a", "[a](", "#", " **a**"])
+@pytest.mark.parametrize(
+    ("language", "text", "spoken"),
+    [
+        ("en", "We are open until 18:00.", "We are open until 6 pm."),
+        ("en", "It is 10:05, not 3:00 p.m.", "It is 10 oh 5 am, not 3 p.m."),
+        ("en", "Sat 10:00-14:00, noon is 12:00", "Sat 10 am to 2 pm, noon is noon"),
+        ("de", "Es ist 10:05 Uhr, dann 1:00 Uhr.", "Es ist 10 Uhr 5, dann ein Uhr."),
+        ("es", "Son las 1:00. Cierra a las 18:30.", "Es la una. Cierra a las 18 y 30."),
+        ("fr", "De 8:00 \u00e0 12:00, puis 21h05", "De 8 heures \u00e0 midi, puis vingt et une heures 5"),
+        ("en", "2.5 m away at -3 \u00b0C", "2.5 metres away at minus 3 degrees Celsius"),
+        ("de", "1 m, 5.6 m, 3 km/h", "ein Meter, 5,6 Meter, 3 Kilometer pro Stunde"),
+        ("es", "-3 \u00b0C, 1 s", "menos 3 grados Celsius, un segundo"),
+        ("fr", "\u00e0 -3 \u00b0C, \u00e0 5 s'il", "\u00e0 moins 3 degr\u00e9s Celsius, \u00e0 5 s'il"),
+        ("en", "$3.50 or 1 \u20ac", "3 dollars 50 or one euro"),
+        ("de", "3,50 \u20ac", "3 Euro 50"),
+        ("en", "Call +49 30 123456 or 030 1234", "Call plus 4 9, 3 0, 1 2 3 4 5 6 or 0 3 0, 1 2 3 4"),
+        ("fr", "au 01 42 34 56 78", "au 01, 42, 34, 56, 78"),
+        ("en", "a.b@lab.example", "a dot b at lab dot example"),
+        ("en", "see https://www.x.org/y?z=1.", "see www dot x dot org slash y"),
+        ("de", "anna@lab.example", "anna at lab Punkt example"),
+        ("de", "z. B. Frau Dr. Weber", "zum Beispiel Frau Doktor Weber"),
+        ("fr", "M. Brown", "monsieur Brown"),
+        ("en", "Room 2.15, 2026-11-30, 01/02/2026, 1,234.5", "Room 2.15, 2026-11-30, 01/02/2026, 1,234.5"),
+        ("it", "alle 18:00", "alle 18:00"),
+        ("en", "**6:30** \U0001f600", "6 30 am"),
+    ],
+)
+def test_times_units_and_addresses_are_read_as_people_say_them(language: str, text: str, spoken: str) -> None:
+    assert spoken_text(text, language) == spoken
+
+
+def test_an_utterance_sounds_as_it_is_read_and_its_status_has_the_text_as_written(stage):
+    stage.say("one", "At 18:00")
+    stage.until(60.0)
+    begin, end = stage.statuses
+    assert end.stamp - begin.stamp == round(Synthesizer().say("At 6 pm").duration_s * SECOND)
+    assert {begin.text, end.text} == {"At 18:00"}
+
+
+@pytest.mark.parametrize("part", ["*a ", "`", "*", "<a", "[a](", "#", " **a**", "0 ", "a@", "1:00-", "www.", "1,1"])
 def test_long_texts_of_markup_take_little_time(part: str) -> None:
     text = part * (limits.SENTENCE_CHARACTERS // len(part))
     begin = time.process_time()
-    without_markup(text)
+    spoken_text(text, "en")
     assert time.process_time() - begin < 2.0, "not in proportion to the square of its length"

@@ -1,0 +1,201 @@
+"""Text as a voice reads it: without markup, with times, units, currencies, addresses and numbers in words.
+
+espeak-ng and the neural voices, which take its phonemes, read "18:00" as "eighteen zero zero", and "-3 °C" without the
+minus in French and Spanish. The words of each language are in readings.ini; texts in other languages keep their signs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from configparser import ConfigParser
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+_MARKUP = (
+    (re.compile(r"</?[A-Za-z][^<>]*>"), ""),  # tags
+    (re.compile(r"\[([^\[\]\n]+)\]\([^()\s]*\)"), r"\1"),  # links
+    (re.compile(r"^#+\s+", re.MULTILINE), ""),  # headings
+    (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]{0,200}?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
+    (re.compile("[\u2600-\u27bf\U0001f000-\U0001faff][\u200d\ufe0f]*"), ""),  # emoji
+)
+
+_ADDRESS = re.compile(
+    r"(?:https?://|(?=www\.))(?P<link>[\w.-]{1,200}(?:/[\w./-]{0,200})?)(?:[?#][^\s<>]*)?"
+    r"|(?<![\w.+-])(?P<mail>[\w.+-]{1,64}@[\w-]{1,63}(?:\.[\w-]{1,63})+)"
+)
+_TIME = r"(?<![\d:.,])(?:[01]?\d|2[0-3]):[0-5]\d(?![\d:])"
+_TIMES = re.compile(rf"({_TIME})\s?[-\u2013]\s?(?={_TIME})")
+_CLOCK = re.compile(
+    r"(?P<article>\b(?:son )?las )?(?<![\d:.,])(?P<hour>[01]?\d|2[0-3])"
+    r"(?::(?P<minute>[0-5]\d)|\s?h\s?(?P<after>[0-5]\d)?)(?![\d:\w])(?P<suffix>\s?(?:Uhr|a\.m\.|p\.m\.|am|pm|o'clock)(?!\w))?",
+    re.IGNORECASE,
+)
+_PHONE = re.compile(r"(?<![\w.,:/-])(?:\+[1-9]|0\d)[\d ()/-]{4,24}\d(?![\w:]|[.,]\d)")
+_DATE = re.compile(r"\d{1,2}[/-]\d{1,2}[/-]\d{2,4}")
+_NUMBER = r"\d{1,12}(?:[.,]\d{1,6})?"
+_MINUS = re.compile(r"(?<!\S)[-\u2212](?=\d)")
+_RANGE = re.compile(r"(?<=\d)\s?\u2013\s?(?=\d)")
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Words of a language for signs, units, currencies and abbreviations."""
+
+    words: Mapping[str, str]
+    units: Mapping[str, tuple[str, str]]
+    currencies: Mapping[str, tuple[str, str]]
+    short: Mapping[str, str]
+
+    def units_in(self) -> re.Pattern[str]:
+        return re.compile(rf"(?<![\w.,])({_NUMBER})\s?({_any(self.units)})(?![\w/'\u2019²³^])")
+
+    def short_in(self) -> re.Pattern[str]:
+        names = "|".join(re.escape(name).replace("\\ ", " ?") for name in self.short)
+        return re.compile(rf"(?<!\w)(?:{names})(?=\s|$)")
+
+
+def spoken_text(text: str, language: str) -> str:
+    """Return ``text`` as a voice of a language (ISO 639-1) reads it.
+
+    >>> spoken_text("Open from **8:00** to 18:30, at -3 °C.", "en")
+    'Open from 8 am to 6 30 pm, at minus 3 degrees Celsius.'
+    """
+    text = without_markup(text)
+    if language not in _languages():
+        return text
+    readings, units, short = _patterns(language)
+    words = readings.words
+    text = _ADDRESS.sub(lambda found: _address(found["link"] or found["mail"], words), text)
+    joined = {name.replace(" ", ""): word for name, word in readings.short.items()}
+    text = short.sub(lambda found: joined[found[0].replace(" ", "")], text)
+    text = _TIMES.sub(rf"\1 {words['to']} ", text)
+    text = _CLOCK.sub(lambda found: _clock(found, language), text)
+    text = _PHONE.sub(lambda found: _phone(found[0], words["plus"]), text)
+    text = _MINUS.sub(f"{words['minus']} ", text)
+    text = _RANGE.sub(f" {words['to']} ", text)
+    for sign, names in readings.currencies.items():
+        text = _price(text, sign, names, words["cents"])
+    return units.sub(lambda found: _quantity(found[1], readings.units[found[2]], language), text)
+
+
+def without_markup(text: str) -> str:
+    """Return ``text`` without HTML tags, Markdown and emoji, which voices would read aloud; unchanged if all is."""
+    plain = text
+    for pattern, kept in _MARKUP:
+        plain = pattern.sub(kept, plain)
+    plain = re.sub(r"[ \t]{2,}", " ", plain).strip() if plain != text else text
+    return plain if any(map(str.isalnum, plain)) else text
+
+
+def _address(text: str, words: Mapping[str, str]) -> str:
+    signs = {"@": "at", ".": "dot", "/": "slash", "-": "dash", "_": "underscore", "+": "plus"}
+    rest = text.rstrip("./-")
+    spoken = re.sub(r"[@./_+-]", lambda sign: f" {words[signs[sign[0]]]} ", rest)
+    return " ".join(spoken.split()) + ("." if text.endswith(".") else "")
+
+
+def _clock(found: re.Match[str], language: str) -> str:
+    if found["minute"] is None:
+        return _hours(int(found["hour"]), int(found["after"] or 0)) if language == "fr" else found[0]
+    hour, minute = int(found["hour"]), int(found["minute"])
+    article, suffix = found["article"] or "", found["suffix"] or ""
+    return article * (language != "es") + _SPOKEN_CLOCKS[language](hour, minute, article, suffix)
+
+
+def _english(hour: int, minute: int, _: str, suffix: str) -> str:
+    if not suffix and not minute and hour in (0, 12):
+        return "noon" if hour else "midnight"
+    half = suffix or (" pm" if hour >= 12 else " am")
+    minutes = f" oh {minute}" if 0 < minute < 10 else f" {minute}" if minute else ""
+    return f"{(hour - 1) % 12 + 1}{minutes}{half}"
+
+
+def _german(hour: int, minute: int, _: str, __: str) -> str:
+    return f"{'ein' if hour == 1 else hour} Uhr" + (f" {minute}" if minute else "")
+
+
+def _spanish(hour: int, minute: int, article: str, suffix: str) -> str:
+    if hour == 1 and article:
+        one = "es la " if article.lower() == "son las " else "la "
+        article = one.capitalize() if article[0].isupper() else one
+    name = {1: "una", 21: "veintiuna"}.get(hour, str(hour))
+    return article + name + (f" y {minute}" if minute else "") + suffix
+
+
+def _french(hour: int, minute: int, _: str, __: str) -> str:
+    if not minute and hour in (0, 12):
+        return "midi" if hour else "minuit"
+    return _hours(hour, minute)
+
+
+def _hours(hour: int, minute: int) -> str:
+    """A time or a duration in French."""
+    name = {0: "zéro", 1: "une", 21: "vingt et une"}.get(hour, str(hour))
+    return f"{name} heure{'s' if hour > 1 else ''}" + (f" {minute}" if minute else "")
+
+
+_SPOKEN_CLOCKS: Mapping[str, Callable[[int, int, str, str], str]] = {
+    "en": _english, "de": _german, "es": _spanish, "fr": _french,
+}  # fmt: skip
+
+
+def _phone(text: str, plus: str) -> str:
+    """Digits one by one, with a pause between groups; pairs stay, as they are read in French."""
+    if _DATE.fullmatch(text):
+        return text
+    groups = re.findall(r"\d+", text)
+    are_pairs = len(groups) > 2 and all(len(group) == 2 for group in groups)
+    spoken = ", ".join(group if are_pairs else " ".join(group) for group in groups)
+    return f"{plus} {spoken}" if text.startswith("+") else spoken
+
+
+def _price(text: str, sign: str, names: tuple[str, str], cents: str) -> str:
+    def spoken(found: re.Match[str]) -> str:
+        whole, part = found["before"] or found["after"], found["part_before"] or found["part_after"]
+        amount = names[0] if whole == "1" and not int(part or 0) else f"{whole} {names[1]}"
+        return " ".join(one for one in (amount, *((cents, part.lstrip("0")) if int(part or 0) else ())) if one)
+
+    mark = re.escape(sign)
+    return re.sub(
+        rf"(?<![\w.,])(?:{mark}\s?(?P<before>\d{{1,9}})(?:[.,](?P<part_before>\d\d))?(?![\d.,]\d|\d)"
+        rf"|(?P<after>\d{{1,9}})(?:[.,](?P<part_after>\d\d))?\s?{mark}(?!\w))",
+        spoken,
+        text,
+    )
+
+
+def _quantity(number: str, names: tuple[str, str], language: str) -> str:
+    if number == "1":
+        return names[0]
+    return f"{number if language == 'en' else number.replace('.', ',')} {names[1]}"
+
+
+@cache
+def _patterns(language: str) -> tuple[_Readings, re.Pattern[str], re.Pattern[str]]:
+    readings = _languages()[language]
+    return readings, readings.units_in(), readings.short_in()
+
+
+@cache
+def _languages() -> Mapping[str, _Readings]:
+    file = ConfigParser(interpolation=None, delimiters=("=",))
+    file.optionxform = str  # type: ignore[assignment,method-assign]
+    file.read_string(files("socialbot.speech").joinpath("readings.ini").read_text("utf-8"))
+    return {language: _readings(dict(file[language])) for language in file.sections()}
+
+
+def _readings(section: Mapping[str, str]) -> _Readings:
+    def under(kind: str) -> dict[str, str]:
+        return {key.removeprefix(f"{kind} "): value for key, value in section.items() if key.startswith(f"{kind} ")}
+
+    def forms(kind: str) -> dict[str, tuple[str, str]]:
+        pairs = {key: value.split(" | ") for key, value in under(kind).items()}
+        return {key: (one, more) for key, (one, more) in pairs.items()}
+
+    return _Readings(section, forms("unit"), forms("currency"), under("short"))
+
+
+def _any(names: Mapping[str, object]) -> str:
+    return "|".join(re.escape(name) for name in sorted(names, key=len, reverse=True))
