@@ -26,8 +26,10 @@ from socialbot.bdi import (
     Sensor,
     atomic,
     compute,
+    drop,
     error_msg,
     fail,
+    for_each,
     variables,
     wait_for,
 )
@@ -311,13 +313,19 @@ class Conversation:
         texts = [one for one in message.alternatives if negations_in(one, languages[0]) == denied]
         for text in (message.text, *texts):
             readings = [self.script.grammar.read(text, language, expected) for language in languages]
-            reading = max(readings, key=lambda each: (each.words, each.score))
+            reading = max(readings, key=lambda each: (self.is_urgent(each.intent), each.words, each.score))
             if reading and (is_sure or not reading.left):
                 found.append((reading, text))
         unknown = Reading(UNKNOWN, language=spoken), message.text
+        if urgent := next((each for each in found if self.is_urgent(each[0].intent)), None):
+            return urgent
         known = (each for each in found if not self.script.grammar.intents[each[0].intent].fallback)
         best = next(known, found[0] if found else unknown)
         return self.interpret(message, *best, person) if is_sure else best
+
+    def is_urgent(self, intent: str) -> bool:
+        """Whether an intent gets its response at once."""
+        return self.script.grammar.is_urgent(intent)
 
     def believed(self, kind: type[Belief], *arguments: object) -> list[Belief]:
         """Current beliefs of a kind whose first arguments are these: the person, and others."""
@@ -388,6 +396,16 @@ def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]
     policy = talk.policy
     patience = compute(lambda Q: talk.question(Q).patience_s)  # noqa: N803
     return [
+        # An emergency ends all turns.
+        +heard(Who, What, Slots) / (lambda What: talk.is_urgent(What))  # noqa: N803
+        >> [
+            drop(Converse(_, _, _)),
+            drop(Turn(_, _, _)),
+            for_each(waits(Other, _, _), [-waits(Other, _, _)]),
+            for_each(asked(Other, Q), [-asked(Other, Q)]),
+            for_each(turn(Other), [-turn(Other)]),
+            Turn(Who, What, Slots),
+        ],
         # Who is asked, answers. Others wait for their turn.
         atomic(
             +heard(Who, What, Slots) / (asked(Who, Q) & (lambda Q, What: talk.expects(Q, What)))  # noqa: N803

@@ -38,6 +38,9 @@ LEAST_SCORE = 0.75
 LEAST_SCORE_FREE = 0.92
 """The same for phrases with a free text."""
 
+LEAST_SCORE_URGENT = 0.88
+"""The same for phrases of urgent intents: a false alarm sends people away."""
+
 _EXTRA_WORD = 0.25  # cost of a word between those of a phrase; a missing word costs 1
 _FREE_WORD = 0.75  # what a word of a free text counts less than a word of a phrase
 _JOINED = 0.05  # what a name counts less that is split or joined differently
@@ -82,6 +85,7 @@ class Intent:
         phrases: Phrases by language (ISO 639-1), as in ``{"en": ["where is [the] {place}"]}``.
         only_expected: Whether it is only understood as the reply to a question that expects it.
         fallback: Whether it is only understood if no other intent is.
+        urgent: Whether it is understood before all others, as an emergency is.
     """
 
     name: str
@@ -89,6 +93,7 @@ class Intent:
     phrases: Mapping[str, Sequence[str]] = field(default_factory=dict)
     only_expected: bool = False
     fallback: bool = False
+    urgent: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,12 @@ class Variant(NamedTuple):
     phrase: str
     parts: tuple[Part, ...]
     is_whole: bool = False
+
+    @property
+    def most_cost(self) -> float:
+        """Highest cost of a match; a word that is missing costs 1."""
+        free = LEAST_SCORE_FREE if Slot(TEXT) in self.parts else LEAST_SCORE
+        return (1 - (LEAST_SCORE_URGENT if self.intent.urgent else free)) * _size(self.parts) + 1e-9
 
 
 class _Match(NamedTuple):
@@ -177,6 +188,10 @@ class Grammar:
                         )
                     known = self._variants.setdefault(language, [])
                     known += (Variant(intent, phrase, variant, is_whole) for variant in variants)
+        self._words = {
+            language: {part for variant in variants for part in variant.parts if isinstance(part, str)}
+            for language, variants in self._variants.items()
+        }
         self._names = {
             (slot, language): [
                 ("".join(itertools.chain(*words(name, language))), len(name.split()), value)
@@ -203,6 +218,10 @@ class Grammar:
                 return next(iter(names.get(language) or next(iter(names.values()), ())), value)
         return value
 
+    def is_urgent(self, name: str) -> bool:
+        """Whether an intent of this name is urgent."""
+        return name in self.intents and self.intents[name].urgent
+
     def read(self, text: str, language: str, expected: Collection[str] = ()) -> Reading:
         """Interpret a sentence.
 
@@ -223,17 +242,25 @@ class Grammar:
         spans, excluded = self._spans(sentence, starts, language)
         rejected = tuple(dict.fromkeys(span.value for span in excluded))
         beside = _beside(sentence, excluded, language)
-        best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (False, 0.0, False, 0.0)
+        best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (False, False, 0.0, False, 0.0)
+        unlike = {
+            word
+            for word in self._words.get(language, ())
+            if all(similarity(word, each) < LEAST_SIMILARITY for each in set(sentence))
+        }
         for variant in self._variants.get(language, ()):
+            if len(unlike.intersection(variant.parts)) > variant.most_cost:
+                continue
             is_expected = variant.intent.name in expected
             if variant.intent.only_expected and not is_expected:
                 continue
-            match = _align(variant.parts, sentence, starts, spans)
+            match = _align(variant, sentence, starts, spans)
             if match is None:
                 continue
             score = 1 - match.cost / _size(variant.parts)
             free = sum(len(value.split()) for name, value in match.slots if name == TEXT)
-            rank = (not variant.intent.fallback, match.words - _FREE_WORD * free - match.cost, is_expected, score)
+            taken = match.words - _FREE_WORD * free - match.cost
+            rank = (variant.intent.urgent, not variant.intent.fallback, taken, is_expected, score)
             if rank <= best_rank or _is_negated(variant, match, sentence, starts, language):
                 continue
             left = len(beside.difference(range(match.start, match.end)))
@@ -346,11 +373,11 @@ def _weight(part: Part) -> int:
 
 
 def _align(
-    parts: Sequence[Part], sentence: Sequence[str], starts: Collection[int], spans: Mapping[str, Sequence[_Span]]
+    variant: Variant, sentence: Sequence[str], starts: Collection[int], spans: Mapping[str, Sequence[_Span]]
 ) -> _Match | None:
-    """The best alignment of all ``parts`` with some words of the sentence, in order; None without one."""
-    size = len(sentence)
-    most = (1 - (LEAST_SCORE_FREE if Slot(TEXT) in parts else LEAST_SCORE)) * _size(parts) + 1e-9
+    """The best alignment of all parts with some words of the sentence, in order; None without one."""
+    size, parts = len(sentence), variant.parts
+    most = variant.most_cost
     row: list[_Match | None] = [_Match(0.0, 0, at, at) for at in range(size + 1)]  # at: number of words consumed
     for number, part in enumerate(parts):
         after: list[_Match | None] = [None] * (size + 1)

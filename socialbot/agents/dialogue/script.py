@@ -41,7 +41,7 @@ ANY = "any"
 """Stands for all intents, except those that are only understood if they are expected."""
 
 
-_FLAGS = ("only_expected", "fallback")
+_FLAGS = ("only_expected", "fallback", "urgent")
 
 
 @dataclass(frozen=True)

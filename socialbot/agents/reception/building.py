@@ -10,8 +10,10 @@
         way: {en: "The library is on the second floor.", de: "Die Bibliothek ist im zweiten Stock."}
     colleagues:
       anna: {names: {en: [Anna Smith, Anna]}, room: library, contact: "12"}
+    emergency: anna
 
-Days are single ones or ranges; a colleague needs no room.
+Days are single ones or ranges; a colleague needs no room. The colleague of ``emergency`` is called in an emergency.
+A room may have ``hours`` of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 import re
 import zoneinfo
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, time, timezone, tzinfo
 from pathlib import Path
 
@@ -30,6 +32,7 @@ from socialbot.agents.dialogue.script import Texts, listed, page_of
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.installation import pip_command
+from socialbot.core.yaml import YamlSection
 
 BUILDING = Path(__file__).with_name("building.yaml")
 """Building of the demo."""
@@ -58,6 +61,8 @@ class Building:
         colleagues: The colleagues.
         hours: Opening and closing time by day of the week, 0 for Monday.
         zone: Time zone of the hours.
+        room_hours: The same for rooms with hours of their own.
+        emergency: Colleague who is called in an emergency, "" for none.
     """
 
     rooms: Mapping[str, Mapping[str, list[str]]]
@@ -66,6 +71,8 @@ class Building:
     colleagues: Mapping[str, Colleague]
     hours: Mapping[int, tuple[time, time]]
     zone: tzinfo
+    room_hours: Mapping[str, Mapping[int, tuple[time, time]]] = field(default_factory=dict)
+    emergency: str = ""
 
     def script(self) -> Script:
         """Return the sentences with the ways, as situations ``way_ROOM``."""
@@ -75,11 +82,14 @@ class Building:
         """Opening and closing time on the day of ``now`` (ns), as texts such as 8:00; None if it is closed that day."""
         return self.hours_on("today", now)
 
-    def hours_on(self, day: str, now: int) -> tuple[str, str] | None:
-        """Opening and closing time on one of `DAYS`, today or tomorrow, seen from ``now`` (ns); None if closed."""
+    def hours_on(self, day: str, now: int, room: str = "") -> tuple[str, str] | None:
+        """Opening and closing time on one of `DAYS`, today or tomorrow, seen from ``now`` (ns); None if closed.
+
+        They are those of the building, or of a ``room`` in `room_hours`.
+        """
         today = self._local(now).weekday()
         weekday = DAYS.index(day) if day in DAYS else (today + (day == "tomorrow")) % 7
-        times = self.hours.get(weekday)
+        times = (self.room_hours[room] if room else self.hours).get(weekday)
         return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
 
     def clock_at(self, now: int) -> str:
@@ -99,6 +109,7 @@ class Building:
 class _Room(msgspec.Struct):
     names: Texts
     way: Texts
+    hours: dict[str, str] = {}
 
 
 class _Page(msgspec.Struct):
@@ -106,6 +117,7 @@ class _Page(msgspec.Struct):
     hours: dict[str, str] = {}
     rooms: dict[str, _Room] = {}
     colleagues: dict[str, Colleague] = {}
+    emergency: str = ""
 
 
 def load_building(path: Path | str, text: str | None = None) -> Building:
@@ -120,6 +132,9 @@ def load_building(path: Path | str, text: str | None = None) -> Building:
         if one.room and one.room not in page.rooms:
             where = root.line("colleagues", name, "room")
             raise GraphError(f"unknown room {one.room!r}", where=where, remedy=suggestion(one.room, page.rooms))
+    if page.emergency and page.emergency not in page.colleagues:
+        what, remedy = f"unknown colleague {page.emergency!r}", suggestion(page.emergency, page.colleagues)
+        raise GraphError(what, where=root.line("emergency"), remedy=remedy)
     return Building(
         {name: listed(room.names) for name, room in page.rooms.items()},
         {
@@ -128,9 +143,15 @@ def load_building(path: Path | str, text: str | None = None) -> Building:
         },
         {name: listed(one.names) for name, one in page.colleagues.items()},
         page.colleagues,
-        dict(entry for days, hours in page.hours.items() for entry in _days(days, hours, root.line("hours", days))),
+        _week(page.hours, root, "hours"),
         _zone(page.timezone, root.line("timezone")),
+        {name: _week(room.hours, root, "rooms", name, "hours") for name, room in page.rooms.items() if room.hours},
+        page.emergency,
     )
+
+
+def _week(hours: Mapping[str, str], root: YamlSection, *path: str) -> dict[int, tuple[time, time]]:
+    return dict(entry for days, text in hours.items() for entry in _days(days, text, root.line(*path, days)))
 
 
 def _days(days: str, hours: str, where: str) -> list[tuple[int, tuple[time, time]]]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from socialbot.agents.dialogue import Answer, Ask, Confirm, Respond, Script, load_script
+from socialbot.agents.dialogue.conversation import tell
 from socialbot.agents.reception.building import BUILDING, load_building
 from socialbot.agents.reception.messages import CallStatus, ColleagueCall
 from socialbot.agents.waldo import TalkingWaldo, small_talk
+from socialbot.agents.waldo.talking import Alarm
 from socialbot.bdi import Belief, Goal, Inference, LongAction, Plan, compute, error_msg, variables
 from socialbot.core import paths
 from socialbot.graph.ports import Input, Output, Parameter
@@ -13,6 +15,10 @@ from socialbot.graph.ports import Input, Output, Parameter
 
 class lost(Belief):  # noqa: N801 - beliefs have lower-case names
     """This person has asked for a room that is not in the building."""
+
+
+class Summon(Goal):
+    """Call a colleague in an emergency, without a confirmation."""
 
 
 class Fetch(Goal):
@@ -56,6 +62,10 @@ class Receptionist(TalkingWaldo):
         Who, What, Slots, Room, Person, Day, _ = variables("Who What Slots Room Person Day _")  # noqa: N806
         place, way = self.place, compute(lambda Room: f"way_{Room}")  # noqa: N803
         limit, now = compute(lambda: self.call_within_s), self.clock.now
+
+        def hours_of(room: str, day: str) -> tuple[str, ...]:
+            return place.hours_on(day or "today", now(), room) or ()
+
         return [
             Respond(Who, "directions", (Room,)) >> [Answer(Who, way, ())],
             Respond(Who, "room", (Room,)) >> [Answer(Who, way, ())],
@@ -72,6 +82,16 @@ class Receptionist(TalkingWaldo):
             >> [Answer(Who, "calling", (Person,)), call(Person).within(limit), Answer(Who, "coming", (Person,))],
             -Fetch(Who, Person) >> [Answer(Who, "not_reached", (Person,))],
             Respond(Who, "colleague", (Person,)) >> [Respond(Who, "call", (Person,))],
+            Alarm(Who) / (lambda: bool(place.emergency)) >> [Summon(Who, place.emergency)],
+            Summon(Who, Person)
+            >> [tell("calling", Who, (Person,)), call(Person).within(limit), tell("help_is_coming", Who, (Person,))],
+            -Summon(Who, Person) >> [tell("no_help_reached", Who, (Person,))],
+            Respond(Who, "room_hours", (Room, Day)) / (lambda Room: Room not in place.room_hours)  # noqa: N803
+            >> [Answer(Who, "room_hours_unknown", ()), Respond(Who, "hours", (Day,))],
+            Respond(Who, "room_hours", (Room, Day)) / (lambda Room, Day: bool(hours_of(Room, Day)))  # noqa: N803
+            >> [Answer(Who, "room_open_on", compute(lambda Room, Day: (Day or "today", Room, *hours_of(Room, Day))))],  # noqa: N803
+            Respond(Who, "room_hours", (Room, Day))
+            >> [Answer(Who, "room_closed_on", compute(lambda Room, Day: (Day or "today", Room)))],  # noqa: N803
             Respond(Who, "clock", _) >> [Answer(Who, "clock", compute(lambda: (place.clock_at(now()),)))],
             Respond(Who, "hours", (Day,)) / (lambda Day: Day not in ("", "today") and place.hours_on(Day, now()))  # noqa: N803
             >> [Answer(Who, "open_on", compute(lambda Day: (Day, *(place.hours_on(Day, now()) or ()))))],  # noqa: N803

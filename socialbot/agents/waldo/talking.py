@@ -28,7 +28,7 @@ from socialbot.agents.dialogue import (
     turn,
     waits,
 )
-from socialbot.agents.dialogue.conversation import Telling
+from socialbot.agents.dialogue.conversation import Telling, tell
 from socialbot.agents.waldo.nodes import Listener, WaldoNode
 from socialbot.agents.waldo.waldo import (
     DoNothing,
@@ -64,9 +64,17 @@ from socialbot.bdi import (
 )
 from socialbot.core import paths
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import HeardSpeech, Message, PersonDetections, SpeechStatus, Utterance, VoiceActivity
+from socialbot.core.messages import (
+    HeardSpeech,
+    Message,
+    PersonDetections,
+    SpeechStatus,
+    StopSpeech,
+    Utterance,
+    VoiceActivity,
+)
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.graph.ports import Input, Parameter
+from socialbot.graph.ports import Input, Output, Parameter
 from socialbot.runs.asking import Answer as Answered
 from socialbot.runs.asking import answer, answer_heard, asking_back, chosen_option, is_asked, words_of_names
 from socialbot.runs.run import LiveRun
@@ -90,6 +98,14 @@ class fallAsleep(SilentAction):
 
 class wakeUp(SilentAction):
     """Raise the head and follow people."""
+
+
+class Warn(Goal):
+    """Warn(Person, Emergency): say what to do in an emergency."""
+
+
+class Alarm(Goal):
+    """Alarm(Person): call for help in an emergency, or say that the robot cannot."""
 
 
 class Clarified(Goal):
@@ -124,7 +140,8 @@ WAKING = ("wake", "hello", "help")
 
 def small_talk() -> Script:
     """Return what Waldo understands and says in every place."""
-    return load_script(Path(__file__).with_name("small_talk.yaml"))
+    emergencies = load_script(Path(__file__).with_name("emergencies.yaml"))
+    return load_script(Path(__file__).with_name("small_talk.yaml"), base=emergencies)
 
 
 class TalkingWaldo(WaldoNode):
@@ -140,6 +157,9 @@ class TalkingWaldo(WaldoNode):
     script = Parameter("", "YAML file with more intents, questions and sentences; empty: none", fixed=True)
     voice_activity = Input(VoiceActivity, "/humans/voices/activity", optional=True)
 
+    stop_speech = Output(StopSpeech, "/speech/stop")
+
+    emergency_number = Parameter("112", "telephone number that people are told to call in an emergency")
     sleep_after_s = Parameter(300.0, "time without people until Waldo sleeps, s", minimum=1.0, maximum=86400.0)
 
     def build(self) -> Engine:
@@ -207,7 +227,9 @@ class TalkingWaldo(WaldoNode):
         self.conversation.note(status)
 
     def utter(self, action: Action, person: str, situation: str, text: str, language: str) -> str:
-        """Request an utterance; return its id."""
+        """Request an utterance; return its id. One in an emergency interrupts the utterance that sounds."""
+        if self.conversation.is_urgent(situation):
+            self.stop_speech.publish(StopSpeech(stamp=self.clock.now(), reason="an emergency"))
         if language == "en" and situation in ("greeting", "greeting_several", "offer"):
             text = self.sentence(situation)
         self.act(action, situation, person, text, language)
@@ -314,12 +336,20 @@ class TalkingWaldo(WaldoNode):
 def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
     """Return the plans of small talk, of offers that lead somewhere, and of sleep."""
     Who, What, Slots, Reply, Q, _ = variables("Who What Slots Reply Q _")  # noqa: N806
+    is_urgent = node.conversation.is_urgent
+    number = compute(lambda: (" ".join(node.emergency_number),))
     return [
+        # Emergencies: a fixed answer, also while somebody is speaking. It is said again if it could not be spoken.
+        Respond(Who, What, _) / (lambda What: is_urgent(What))  # noqa: N803
+        >> [Warn(Who, What), Alarm(Who)],
+        Warn(Who, What) >> [tell(What, Who, number).within(30)],
+        -Warn(Who, What) >> [tell(What, Who, number).within(30)],
+        Alarm(Who) >> [tell("no_help_called", Who).within(30)],
         # Sleep
         +personDetected("No").held_for(lambda: node.sleep_after_s) / ~asleep(_) >> [Sleep("alone")],
         +personDetected("No") / asleep("told") >> [+asleep("alone"), DoNothing()],
         +personDetected("Yes") / asleep(_) >> [WakeUp()],
-        +heard(Who, What, Slots) / (asleep(_) & (lambda What: What not in WAKING)) >> [],  # noqa: N803
+        +heard(Who, What, Slots) / (asleep(_) & (lambda What: not (What in WAKING or is_urgent(What)))) >> [],  # noqa: N803
         +heard(Who, What, Slots) / asleep(_) >> [WakeUp(), apart(Turn(Who, What, Slots))],
         Sleep(What) >> [+asleep(What), fallAsleep()],
         WakeUp() >> [-asleep(_), wakeUp()],

@@ -48,6 +48,8 @@ def test_hours_may_go_over_the_end_of_the_week():
         ("Europe/Berlin", "Europe/Waldo", "unknown time zone"),
         ("room: lab", "room: library", "unknown room 'library'"),
         ("way:", "path:", "unknown key 'path'"),
+        ("colleagues:", "emergency: ann\ncolleagues:", "unknown colleague 'ann'"),
+        ("way:", "hours: {mon-fry: '8:00-9:00'}\n    way:", "unknown day 'fry'"),
         ("rooms:", "places:", "unknown key 'places'"),
         ('contact: "12"', "contact: 12", "'contact' must be a text"),
     ],

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.agents.reception import CallStatus, ColleagueCall, Receptionist
+from socialbot.agents.reception.building import BUILDING
 from socialbot.core.clock import SECOND
 from socialbot.graph.node import Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
@@ -10,6 +11,17 @@ from tests.agents.waldo.hall import Hall
 
 TUESDAY_10 = 1_700_560_800 * SECOND  # 2023-11-21 10:00 UTC
 HOUR = 3600 * SECOND
+
+
+@pytest.fixture
+def building(tmp_path) -> str:
+    """A building whose library has hours of its own, and where Anna is called in emergencies."""
+    text = BUILDING.read_text("utf-8").replace(
+        "  laboratory:\n", "    hours: {mon-fri: '9:00-12:00'}\n  laboratory:\n", 1
+    )
+    path = tmp_path / "building.yaml"
+    path.write_text(f"{text}emergency: anna\n", "utf-8")
+    return str(path)
 
 
 class Telephone(Node):
@@ -29,7 +41,7 @@ class Telephone(Node):
 class Reception(Hall):
     """The demo's reception, where one person stands."""
 
-    def __init__(self, telephone: str = "coming", start: int = TUESDAY_10, **parameters: float) -> None:
+    def __init__(self, telephone: str = "coming", start: int = TUESDAY_10, **parameters: object) -> None:
         super().__init__(
             Receptionist,
             NodeConfig("telephone", Telephone, {"state": telephone}),
@@ -216,14 +228,19 @@ def test_colloquial_replies_refuse_a_call(language, reply):
         ("de", "Haben Sie am Samstag geöffnet?", "Samstag: geöffnet von 10:00 bis 14:00."),
         ("es", "¿Abren el sábado?", "Sábado: abierto de 10:00 a 14:00."),
         ("fr", "Êtes-vous ouvert le samedi ?", "Samedi : ouvert de 10:00 à 14:00."),
+        ("en", "Is the library open?", "Today, library: open from 9:00 to 12:00."),
+        ("en", "When does the reading room close on Saturday?", "Saturday, library: closed."),
+        ("de", "Hat die Bibliothek noch offen?", "Heute, Bibliothek: geöffnet von 9:00 bis 12:00."),
+        ("es", "¿Está abierta la biblioteca?", "Hoy, biblioteca: abierto de 9:00 a 12:00."),
+        ("fr", "La bibliothèque est ouverte ?", "Aujourd'hui, bibliothèque : ouvert de 9:00 à 12:00."),
         ("en", "What time is it?", "It is 10:00."),
         ("de", "Wie spät ist es?", "Es ist 10:00 Uhr."),
         ("es", "¿Qué hora es?", "Son las 10:00."),
         ("fr", "Quelle heure est-il ?", "Il est 10:00."),
     ],
 )
-def test_tells_the_hours_of_a_day_and_the_time(language, text, reply):
-    with Reception() as reception:
+def test_tells_the_hours_of_a_day_and_the_time(language, text, reply, building):
+    with Reception(building=building) as reception:
         assert reception.talk(text, language=language) == [reply]
 
 
@@ -239,10 +256,34 @@ def test_tells_the_hours_of_a_day_and_the_time(language, text, reply):
         ("fr", "Parlez plus fort s'il vous plaît", "Bonjour ! Ravi de vous voir."),
         ("fr", "Non merci", "Très bien."),
         ("en", "I have a dog", "Sorry, I did not understand."),
-        ("de", "Ich fühle mich nicht wohl", "Entschuldigung, das habe ich nicht verstanden."),
-        ("es", "Me duele la cabeza", "Perdón, no le he entendido."),
+        ("de", "Ich habe einen Hund", "Entschuldigung, das habe ich nicht verstanden."),
+        ("es", "Tengo un perro", "Perdón, no le he entendido."),
     ],
 )
 def test_small_talk_is_answered_in_the_language_of_the_visitor(language, text, reply):
     with Reception() as reception:
         assert reception.talk(text, language=language) == [reply]
+
+
+def test_the_hours_of_a_room_that_has_none_are_unknown():
+    with Reception() as reception:
+        assert reception.talk("Is the canteen open?") == [
+            "I do not know the hours of that room.",
+            "We are open today until 18:00.",
+        ]
+
+
+@pytest.mark.parametrize(
+    ("telephone", "result"),
+    [
+        ("coming", "Anna Miller is coming to help."),
+        ("unavailable", "I could not reach Anna Miller. Please ask somebody else for help."),
+    ],
+)
+def test_calls_a_colleague_at_once_in_an_emergency(telephone, result, building):
+    with Reception(telephone, building=building) as reception:
+        said = reception.talk("My husband has collapsed", "Thank you")
+        (call,) = reception.messages("/reception/calls")
+    answer = "Please call 1 1 2 now, or let somebody near you call. Stay with the person."
+    assert said[:3] == [answer, "I am calling Anna Miller.", result]
+    assert call.colleague == "anna"
