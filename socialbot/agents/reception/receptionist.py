@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from socialbot.agents.dialogue import Answer, Ask, Confirm, Respond, Script, load_script
-from socialbot.agents.dialogue.conversation import tell
+from socialbot.agents.dialogue.conversation import tell, turn
 from socialbot.agents.reception.building import BUILDING, load_building
 from socialbot.agents.reception.messages import CallStatus, ColleagueCall
 from socialbot.agents.waldo import TalkingWaldo, small_talk
-from socialbot.agents.waldo.talking import Alarm
-from socialbot.bdi import Belief, Goal, Inference, LongAction, Plan, compute, error_msg, variables
+from socialbot.agents.waldo.talking import Warn
+from socialbot.bdi import Belief, Goal, Inference, LongAction, Plan, apart, compute, error_msg, variables, wait_for
 from socialbot.core import paths
 from socialbot.graph.ports import Input, Output, Parameter
 
@@ -61,6 +61,7 @@ class Receptionist(TalkingWaldo):
     def rules(self) -> list[Plan | Inference | list[Plan]]:
         Who, What, Slots, Room, Person, Day, _ = variables("Who What Slots Room Person Day _")  # noqa: N806
         place, way = self.place, compute(lambda Room: f"way_{Room}")  # noqa: N803
+        is_urgent = self.conversation.is_urgent
         limit, now = compute(lambda: self.call_within_s), self.clock.now
 
         def hours_of(room: str, day: str) -> tuple[str, ...]:
@@ -82,10 +83,16 @@ class Receptionist(TalkingWaldo):
             >> [Answer(Who, "calling", (Person,)), call(Person).within(limit), Answer(Who, "coming", (Person,))],
             -Fetch(Who, Person) >> [Answer(Who, "not_reached", (Person,))],
             Respond(Who, "colleague", (Person,)) >> [Respond(Who, "call", (Person,))],
-            Alarm(Who) / (lambda: bool(place.emergency)) >> [Summon(Who, place.emergency)],
+            # The call begins at once; its result is told after the warning.
+            Respond(Who, What, _) / (lambda What: bool(place.emergency) and is_urgent(What))  # noqa: N803
+            >> [
+                apart(Summon(Who, place.emergency)),
+                Warn(Who, What),
+                tell("calling", Who, (place.emergency,)).within(30),
+            ],
             Summon(Who, Person)
-            >> [tell("calling", Who, (Person,)), call(Person).within(limit), tell("help_is_coming", Who, (Person,))],
-            -Summon(Who, Person) >> [tell("no_help_reached", Who, (Person,))],
+            >> [call(Person).within(limit), wait_for(~turn(_), 30), tell("help_is_coming", Who, (Person,)).within(30)],
+            -Summon(Who, Person) >> [wait_for(~turn(_), 30), tell("no_help_reached", Who, (Person,)).within(30)],
             Respond(Who, "room_hours", (Room, Day)) / (lambda Room: Room not in place.room_hours)  # noqa: N803
             >> [Answer(Who, "room_hours_unknown", ()), Respond(Who, "hours", (Day,))],
             Respond(Who, "room_hours", (Room, Day)) / (lambda Room, Day: bool(hours_of(Room, Day)))  # noqa: N803

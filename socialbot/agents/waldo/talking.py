@@ -104,10 +104,6 @@ class Warn(Goal):
     """Warn(Person, Emergency): say what to do in an emergency."""
 
 
-class Alarm(Goal):
-    """Alarm(Person): call for help in an emergency, or say that the robot cannot."""
-
-
 class Clarified(Goal):
     """Clarified(Person, Intent, Slots): answer a question after the reply to which reading is meant."""
 
@@ -341,10 +337,9 @@ def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
     return [
         # Emergencies: a fixed answer, also while somebody is speaking. It is said again if it could not be spoken.
         Respond(Who, What, _) / (lambda What: is_urgent(What))  # noqa: N803
-        >> [Warn(Who, What), Alarm(Who)],
+        >> [Warn(Who, What), tell("no_help_called", Who).within(30)],
         Warn(Who, What) >> [tell(What, Who, number).within(30)],
         -Warn(Who, What) >> [tell(What, Who, number).within(30)],
-        Alarm(Who) >> [tell("no_help_called", Who).within(30)],
         # Sleep
         +personDetected("No").held_for(lambda: node.sleep_after_s) / ~asleep(_) >> [Sleep("alone")],
         +personDetected("No") / asleep("told") >> [+asleep("alone"), DoNothing()],
