@@ -277,6 +277,10 @@ def _occurs(deed: Deed, history: History) -> bool:
     return any(call_of(record).partition("(")[0] in names for record in history)
 
 
+_LIMITED = {"who", "count", "did", "how_long", "when"}
+"""Kinds of questions about visits that may have a limit, or be at the same time as others."""
+
+
 class _Answering(Whether):
     """One question being answered."""
 
@@ -290,12 +294,14 @@ class _Answering(Whether):
         if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
         is_about_nobody = question.person is not None and self.topic is not None and not self.topic.concerns_people
+        is_limited = question.limit is not None or question.is_shared
         has_no_span = question.between is not None and question.span_s is None
         if (
             (question.event is not None and self.event_s is None)
             or has_no_span
             or self.persons == [NOBODY]
             or is_about_nobody
+            or (is_limited and (self.topic is not None or question.kind not in _LIMITED))
         ):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.by_people:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from socialbot.core.clock import nanoseconds
 from socialbot.runs.asking._clauses import without_matrix
@@ -15,6 +16,7 @@ from socialbot.runs.asking._references import (
     PersonReference,
     Reading,
     digits_after_names,
+    take_limit,
     take_names,
     take_ordinal,
     take_person,
@@ -25,6 +27,8 @@ from socialbot.runs.asking._references import (
 from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.asking._word_classes import (
+    COMPARED,
+    EXTREMES,
     classify,
     guess_interrogative,
     places_of_class,
@@ -154,8 +158,10 @@ def _joined(words: Sequence[str], known: Set[str]) -> list[str]:
 def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Found:
     """Return the parts of a clause."""
     reading = Reading(language, digits_after_names(list(words), subjects, language))
-    span_s = take_span(reading)
-    at_s, ago, person = take_time(reading, subjects) if span_s is None else (None, False, None)
+    limit = take_limit(reading)
+    span_s = take_span(reading) if limit is None else None
+    has_time = span_s is None and limit is None
+    at_s, ago, person = take_time(reading, subjects) if has_time else (None, False, None)
     things, agents = take_names(reading, subjects)
     named = take_person(reading, subjects)
     if named is not None and person is not None:
@@ -214,7 +220,8 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"),
-        extreme="longest" if reading.has("longest") else "shortest" if reading.has("shortest") else "",
+        extreme=_extreme(reading, person), is_compared=not reading.has("who", "what"),
+        limit=limit, is_shared=reading.has("same time"),
         leaves=leaves,
         about_left_out=is_left_out or _is_about_left_out(reading), about_speech=reading.has("say", "silent"),
         asks=any((reading.words[place],) in language.phrases["asks"] for place in reading.places("say")),
@@ -223,6 +230,18 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         thing_kind=_thing_kind(reading, subjects),
     )  # fmt: skip
     return Found(reading, question, agents, deeds, referred, verb, asks_for)
+
+
+def _extreme(
+    reading: Reading, person: PersonReference | None
+) -> Literal["longest", "shortest", "nearest", "farthest", ""]:
+    """Return which visit is asked for; words that compare need several people: ``Who stayed longer, t3 or t5?``."""
+    if person is not None and len(person.names) > 1:
+        for name, extreme in COMPARED.items():
+            places = places_of_class(reading.words, reading.language, name) - {*reading.places("limit")}
+            if places:
+                reading.take(extreme, *places)
+    return next((name for name in EXTREMES if reading.has(name)), "")  # type: ignore[return-value]
 
 
 def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int]) -> bool:

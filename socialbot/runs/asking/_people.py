@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Presence
+from socialbot.runs.asking._references import Limit
 from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.asking._subjects import persons_in
@@ -34,9 +35,11 @@ def visitors(scope: Scope) -> Told | None:
     if scope.question.at_s is not None or is_at_event:
         return seen(scope)
     stays = _visits(scope)
+    if scope.question.extreme in ("nearest", "farthest"):
+        return _by_distance(scope, stays)
     clauses = [stay(scope, each) for each in stays]
     if not clauses:
-        return _nobody(scope)
+        return None if scope.question.limit is not None or scope.question.is_shared else _nobody(scope)
     shown = clauses[:MOST_NAMED]
     if len(clauses) > MOST_NAMED or scope.question.kind == "count":
         shown.insert(0, _people_counted(scope))
@@ -132,6 +135,9 @@ def count_people(scope: Scope) -> Told | None:
         return seen(scope)
     if not scope.visits():
         return _nobody(scope)
+    if scope.question.limit is not None or scope.question.is_shared:
+        clauses = [stay(scope, each) for each in _visits(scope)]
+        return (scope.joined(clauses), clauses) if clauses else None
     clause = _people_counted(scope)
     return clause.text, [clause]
 
@@ -139,20 +145,84 @@ def count_people(scope: Scope) -> Told | None:
 def _visits(scope: Scope) -> list[Presence]:
     """Return the visits in question, in order of arrival."""
     stays = scope.visits()
-    if scope.persons:
+    if scope.question.is_shared and scope.persons:
+        stays = _shared(scope, stays)
+    elif scope.persons:
         stays = [each for each in stays if each.person in scope.persons]
     if scope.question.span_s is not None:
         begin, end = map(scope.history.stamp, scope.span())
         stays = [each for each in stays if each.first.stamp <= end and each.last.stamp >= begin]
     if scope.question.ordinal is not None and not scope.persons and stays:
         return _in_order(scope, stays)
-    if scope.question.extreme and stays:
-        lengths = [
-            round(scope.history.seconds(each.last.stamp) - scope.history.seconds(each.first.stamp), 1) for each in stays
-        ]
+    if scope.question.limit is not None:
+        stays = [each for each in stays if _is_within(scope, each, scope.question.limit)]
+    if scope.question.extreme in ("longest", "shortest") and stays and not _is_compared(scope):
+        lengths = [_length_s(scope, each) for each in stays]
         wanted = max(lengths) if scope.question.extreme == "longest" else min(lengths)
         stays = [each for each, length in zip(stays, lengths, strict=True) if length == wanted]
     return stays
+
+
+def _length_s(scope: Scope, visit: Presence) -> float:
+    return round(scope.history.seconds(visit.last.stamp) - scope.history.seconds(visit.first.stamp), 1)
+
+
+def _shared(scope: Scope, stays: Sequence[Presence]) -> list[Presence]:
+    """Return the visits of others at the time of visits in question; with several people, their own visits."""
+    own = [each for each in stays if each.person in scope.persons]
+    if len(scope.persons) > 1:
+        return own
+    return [
+        each
+        for each in stays
+        if each not in own
+        and any(each.first.stamp <= one.last.stamp and one.first.stamp <= each.last.stamp for one in own)
+    ]
+
+
+def _is_within(scope: Scope, visit: Presence, limit: Limit) -> bool:
+    if not limit.in_metres:
+        return limit.holds(_length_s(scope, visit))
+    nearest = _extreme_frame(scope, visit, is_nearest=True)
+    return nearest is not None and limit.holds(nearest[0])
+
+
+def _extreme_frame(scope: Scope, visit: Presence, *, is_nearest: bool) -> tuple[float, TraceRecord] | None:
+    """Return the least or greatest distance (m) of a person during a visit, and the first frame that shows it."""
+    frames = [each for each in scope.history.back(visit.first.stamp, visit.last.stamp) if each.kind == "detection"]
+    found = [
+        (float(one["distance_m"]), frame)
+        for frame in reversed(frames)
+        for one in frame.detail.get("persons", ())
+        if str(one.get("track_id")) == visit.person and one.get("distance_m") is not None
+    ]
+    choose = min if is_nearest else max
+    return choose(found, key=lambda each: each[0], default=None)
+
+
+def _by_distance(scope: Scope, stays: Sequence[Presence]) -> Told | None:
+    """Return the nearest or farthest people, each with the frame of that distance."""
+    is_nearest = scope.question.extreme == "nearest"
+    found = [
+        (each.person, *extreme)
+        for each in stays
+        if (extreme := _extreme_frame(scope, each, is_nearest=is_nearest)) is not None
+    ]
+    if not found:
+        return None
+    best = (min if is_nearest else max)(distance for _, distance, _ in found)
+    chosen = {
+        person: frame
+        for person, distance, frame in reversed(found)
+        if _is_compared(scope) or round(distance - best, 1) == 0
+    }
+    told = [saw(scope, frame, [person]) for person, frame in list(chosen.items())[::-1][:MOST_NAMED]]
+    return "; ".join(text for text, _ in told), [clause for _, clauses in told for clause in clauses]
+
+
+def _is_compared(scope: Scope) -> bool:
+    """Return whether all of the named people are told of: ``Did t3 stay longer than t5?``."""
+    return scope.question.is_compared and len(scope.persons) > 1
 
 
 def _in_order(scope: Scope, stays: Sequence[Presence]) -> list[Presence]:

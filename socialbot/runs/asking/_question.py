@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from socialbot.runs.asking._clauses import Relation
-from socialbot.runs.asking._references import PersonReference, Quantity
+from socialbot.runs.asking._references import Limit, PersonReference, Quantity
 from socialbot.runs.asking._topics import Topic
 
 Kind = Literal[
@@ -40,7 +40,10 @@ class Question:
         is_opposite: Whether it names the opposite of the deed: ``ignore`` for not to greet.
         is_negative: Whether it has a negation.
         about_all: Whether it is about all people.
-        extreme: Whether it asks for the longest or the shortest visit.
+        extreme: Whether it asks for the longest or the shortest visit, or the nearest or the farthest person.
+        is_compared: Whether it asks for no one of several people: ``Did t3 stay longer than t5?``.
+        limit: Least or most duration (s) or distance (m) of the visits in question.
+        is_shared: Whether it asks who was here at the same time as the people in it.
         leaves: Whether it asks about people who leave.
         about_left_out: Whether it asks for people for whom the deed was not done.
         about_speech: Whether it is about speaking in general.
@@ -80,7 +83,10 @@ class Question:
     is_opposite: bool = False
     is_negative: bool = False
     about_all: bool = False
-    extreme: Literal["longest", "shortest", ""] = ""
+    extreme: Literal["longest", "shortest", "nearest", "farthest", ""] = ""
+    is_compared: bool = False
+    limit: Limit | None = None
+    is_shared: bool = False
     leaves: bool = False
     about_left_out: bool = False
     about_speech: bool = False

@@ -28,6 +28,8 @@ _TENSES = ("past", "present", "future")
 _MOST_COUNTED = 3
 _BY = {"by", "von", "par", "por"}
 _WEIGHTS = "reading.json"
+_LIKE = {"nearest": "longest", "farthest": "longest", "limit": "longest", "same time": "here"}
+"""Classes of words with the weights of another one, as the lists of questions hardly have them."""
 
 
 @cache
@@ -130,7 +132,7 @@ def _classes(each: Candidate) -> list[str]:
         for _, places in found:
             for place in places:
                 if classes[place] in ("?", "filler"):
-                    classes[place] = name
+                    classes[place] = _LIKE.get(name, name)
     for place in each.found.referred:
         if classes[place] == "?":
             classes[place] = "#" if reading.words[place][:1].isdigit() else "N"

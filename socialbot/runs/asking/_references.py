@@ -30,6 +30,18 @@ Quantity = Literal["times", "others", ""]
 
 
 @dataclass(frozen=True)
+class Limit:
+    """Limit of a duration (s) or distance (m): ``longer than ten seconds``, ``within three metres``."""
+
+    value: float
+    is_most: bool
+    in_metres: bool
+
+    def holds(self, value: float) -> bool:
+        return value <= self.value if self.is_most else value >= self.value
+
+
+@dataclass(frozen=True)
 class PersonReference:
     """People in a question.
 
@@ -153,6 +165,26 @@ def take_time(reading: Reading, subjects: Subjects) -> tuple[float | None, bool,
                 reading.take(name, *places)
                 return value, False, None
     return None, False, None
+
+
+def take_limit(reading: Reading) -> Limit | None:
+    """Take a limit of a duration or distance from the words: ``longer than ten seconds``."""
+    words, phrases = reading.words, reading.language.phrases
+    metres = {one[0] for one in phrases["metres"]}
+    for name in ("within", "more than", "less than"):
+        for phrase in sorted(phrases[name], key=len, reverse=True):
+            for start in starts(phrase, words):
+                n = start + len(phrase)
+                found = number_at(words, n) if n < len(words) else None
+                unit = n + found[1] if found is not None else len(words)
+                units = metres if name == "within" else {*reading.language.units, *metres}
+                if found is None or unit >= len(words) or words[unit] not in units:
+                    continue
+                reading.take("limit", *range(start, unit + 1))
+                in_metres = words[unit] in metres
+                value = found[0] * (1.0 if in_metres else reading.language.units[words[unit]])
+                return Limit(value, name != "more than", in_metres)
+    return None
 
 
 def take_span(reading: Reading) -> tuple[float, float] | None:

@@ -10,6 +10,10 @@ from socialbot.runs.asking._subjects import Subjects
 from socialbot.runs.asking._words import HEARD, occurrences, sound, starts, stem
 from socialbot.runs.asking.languages import INTERROGATIVES, Language, lexicon
 
+EXTREMES = ("longest", "shortest", "nearest", "farthest")
+"""Classes of words that ask for the visitor with the longest or nearest visit."""
+COMPARED = {"longer": "longest", "shorter": "shortest", "nearer": "nearest", "farther": "farthest"}
+"""Classes of words that compare named visitors, with the extreme that decides."""
 _ONLY_EXACT = {
     "fail",
     "outcome",
@@ -34,8 +38,10 @@ _ONLY_EXACT = {
     "where",
     "how_far",
     "how_long",
-    "longest",
-    "shortest",
+    *EXTREMES,
+    *COMPARED,
+    "metres",
+    "same time",
 }
 _IMPERATIVES = {"name", "list", "count", "explain"}
 _ASKING = {"can", "could", "would", "will"}
@@ -52,7 +58,7 @@ _PARTS = (
     "comes", "leaves", "waits", "auxiliary",
     "silent", "request", "end", "overall", "talk", "group", "times", "others", "hypothetical", "qualified",
     "left out", "between", "to", "from", "article", "asks", "replies", "being", "at place",
-    "step", "replan", "called",
+    "step", "replan", "called", "more than", "less than", "within", "metres", *COMPARED,
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _VERBS = {"see", "do", "say", "here", "plan"}

@@ -81,6 +81,46 @@ def test_two_whom_a_clause_describes_came_together(visits, question, language):
     assert any(each.person is not None and each.person.together for each in readings)
 
 
+def claims(found) -> list[tuple[str, str]]:
+    return [(clause.claim.kind, *clause.claim.persons) for clause in found.clauses]
+
+
+@pytest.mark.parametrize(
+    ("told", "questions"),
+    [
+        (
+            ["saw t1"],
+            ("Who was the farthest away?", "Wer war am weitesten weg?", "\u00bfQui\u00e9n estuvo m\u00e1s lejos?"),
+        ),
+        (["saw t2", "saw t3"], ("Who came closest?", "Wer war am n\u00e4chsten?", "Qui \u00e9tait le plus proche ?")),
+        (["saw t2"], ("Who came nearer, t1 or t2?",)),
+        (["saw t1", "saw t2"], ("Was t1 nearer than t2?",)),
+        (["here t3"], ("Who stayed longer, t2 or t3?", "\u00bfQui\u00e9n se qued\u00f3 m\u00e1s tiempo, t2 o t3?")),
+        (["here t2", "here t3"], ("Did t2 stay longer than t3?", "Blieb t2 l\u00e4nger als t3?")),
+        (["here t1"], ("Who stayed longer than ten seconds?", "How many people stayed longer than ten seconds?")),
+        (["here t1"], ("Wer blieb l\u00e4nger als zehn Sekunden?", "Qui est rest\u00e9 plus de dix secondes ?")),
+        (["here t2", "here t3"], ("Which visitors stayed less than 8 seconds?", "Who came within 2.5 metres?")),
+    ],
+)
+def test_visits_are_compared_and_limited(visits, told, questions):
+    found = {question: [" ".join(each) for each in claims(answer(visits, question))] for question in questions}
+    assert found == dict.fromkeys(questions, told)
+
+
+def test_who_was_here_at_the_same_time_is_not_the_person_in_question():
+    both = run_of(
+        lambda at_s: [person(name, 2.0) for name in ("t1", "t2")] if at_s < 9.0 else [person("t3", 2.0)], 15.0
+    )
+    for question in ("Who was here at the same time as t1?", "Wer war gleichzeitig mit t1 hier?"):
+        assert claims(answer(both, question)) == [("here", "t2")]
+    assert not answer(both, "Who was here at the same time as t3?").known
+
+
+def test_a_limit_is_not_taken_for_a_time(visits):
+    assert not answer(visits, "What did you do for more than 10 seconds?").known
+    assert not answer(visits, "Did anybody stay longer than 20 seconds?").known
+
+
 @pytest.mark.parametrize("question", ["Why were you idle at the beginning?", "Warum warst du am Anfang untätig?"])
 def test_beginning_is_the_first_time_of_a_deed(visits, question):
     (clause, *_) = answer(visits, question).clauses
