@@ -25,7 +25,7 @@ NEGATION = re.compile(
 _NUMBER = re.compile(r"(?<![\w.,])\d+(?:[.,]\d+)?(?![\w]|[.,]\d)")
 """Number as English and other languages write it."""
 _NAMED = re.compile(r"\b[A-Za-z]+_\w+|\b[a-z]+\d+\b")
-_ADDRESSED = re.compile(r"\b(you|dich|dir|vous|te)\b", re.IGNORECASE)
+_ADDRESSED = re.compile(r"\b((?i:you|vous|le|usted)|Sie|Ihnen)\b")
 CONNECTIVES = re.compile(
     r"\b(because|and|denn|und|car|et|porque|y|Yes|No|Ja|Nein|Oui|Non|Sí|At|at|Bei|bei|À|à|A|a|los|s|the last thing was|"
     r"the next thing was|das Letzte war|das Nächste war|la dernière chose était|la suite était|lo último fue|"

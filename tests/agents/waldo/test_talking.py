@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from socialbot.agents.waldo import TalkingWaldo, small_talk
+from socialbot.agents.waldo.vocabulary import VOCABULARY
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import HeardSpeech, VoiceActivity
+from socialbot.runs.asking.languages import LANGUAGES as ASKED_IN
 from tests.agents.waldo.corridor import GREETING, OFFER
 from tests.agents.waldo.hall import SPEECH, Hall
 
@@ -18,6 +22,22 @@ def test_every_sentence_and_intent_of_waldo_is_in_all_languages():
     assert {name: set(texts) for name, texts in script.sentences.items() if set(texts) != set(LANGUAGES)} == {}
     intents = [one for one in script.grammar.intents.values() if one.name not in ("unclear", "choice")]  # no phrases
     assert {one.name: set(one.phrases) for one in intents if set(one.phrases) != set(LANGUAGES)} == {}
+
+
+@pytest.mark.parametrize(
+    ("language", "familiar"),
+    [("de", r"\b(du|dich|dir|dein\w*)\b"), ("es", r"\b(te|t\u00fa|ti|tu)\b"), ("fr", r"\b(tu|te|toi)\b")],
+)
+def test_visitors_are_addressed_politely_in_talk_and_in_answers(language, familiar):
+    deeds = (each for deed in VOCABULARY.deeds for each in (deed.did, deed.did_not))
+    conditions = (each for one in VOCABULARY.conditions for each in (one.held, one.lacked))
+    to_visitors = [
+        texts[language][0] for texts in (*deeds, *conditions) if not isinstance(texts.get(language, ""), str)
+    ]
+    answers = {name: text for name, text in ASKED_IN[language].sentences.items() if name != "examples"}  # for the robot
+    small_talks = [texts[language] for texts in small_talk().sentences.values()]
+    assert len(to_visitors) > 10
+    assert [each for each in (*to_visitors, *answers.values(), *small_talks) if re.search(familiar, each)] == []
 
 
 def test_greets_and_offers_help_and_asks_what_a_person_needs():
@@ -150,7 +170,7 @@ def test_a_new_visitor_wakes_and_is_greeted_after_all_have_left():
     [
         ("en", "Why did you greet me?", ("I greeted you because", "you paid attention to me")),
         ("en", "Why did you offer help?", ("I offered you help because", "you had been here for 8 s")),
-        ("de", "Warum hast du mich gegrüßt?", ("ich habe dich begrüßt, denn", "du hast dich mir zugewandt")),
+        ("de", "Warum hast du mich gegrüßt?", ("ich habe Sie begrüßt, denn", "Sie haben sich mir zugewandt")),
         ("en", "What do you see?", ("I saw person t1",)),
     ],
 )

@@ -68,7 +68,7 @@ class TestWhy:
         [
             ("Why did you greet me?", 9.2, "7 seconds ago I greeted you because"),
             ("Why did you greet me?", 3.0, "Just now I greeted you because"),
-            ("Warum hast du mich gegrüßt?", 9.2, "Vor 7 Sekunden: ich habe dich begrüßt"),
+            ("Warum hast du mich gegrüßt?", 9.2, "Vor 7 Sekunden: ich habe Sie begrüßt"),
             ("Pourquoi m'as-tu salué ?", 9.2, "Il y a 7 secondes, "),
             ("¿Por qué me saludaste?", 9.2, "Hace 7 segundos "),
             ("What are you doing?", 9.2, "Just now I was doing nothing; the last thing was 7 seconds ago: I greeted"),
