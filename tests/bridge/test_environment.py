@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import socket
 import stat
@@ -24,6 +25,7 @@ from socialbot.bridge.environment import (
     split_ros_args,
 )
 from socialbot.bridge.ros_checks import segment_size
+from socialbot.bridge.shared_memory import SHARED
 from socialbot.core.errors import GraphError, InstallationError, NodeError
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
@@ -387,7 +389,7 @@ with spinning_node("told"):
     print("{}")
 """
     first = 7400 + 250 * other_domain
-    locks = [environment.SHARED / f"fastrtps_port{port}_el" for port in range(first + 10, first + 20)]
+    locks = [SHARED / f"fastrtps_port{port}_el" for port in range(first + 10, first + 20)]
     files = [os.open(path, os.O_RDWR | os.O_CREAT) for path in locks]
     try:
         for file in files:

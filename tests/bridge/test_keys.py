@@ -98,7 +98,7 @@ def test_a_message_whose_seal_came_before_the_key_was_removed_is_refused(
     """A stolen key could seal messages for the whole time window in advance."""
     robot, desk = machines
     taken: list[bytes] = []
-    matcher = SealMatcher(robot.opener, lambda cdr, _: taken.append(cdr), pytest.fail)
+    matcher = SealMatcher(robot.opener, lambda cdr, _: taken.append(cdr), lambda error: pytest.fail(str(error)))
     first, second = bytes(size), b"\1" * size
     for cdr in (first, second):
         matcher.take_seal(desk.stream.seal_detached(cdr)[1])
