@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from socialbot.core import paths
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Health, Message, SpeechStatus, StopSpeech, Utterance
@@ -28,6 +29,12 @@ MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
 MOST_VOICES = 8  # number of voices of other languages kept; a neural one takes about 100 MB
 
 PLAYBACK = ("auto", "off", "required")
+
+LATE_S = 2.0
+"""Age (s) of an utterance, beyond that of the engine's health, from which it is not spoken after a lost link."""
+RETURN_S = 1.0
+"""Time (s) after the return of the engine in which what the link held back may still arrive."""
+_HEALTHS = 10  # number of health messages whose least age is the usual one
 
 _UNHEARD = "connect one and restart this node, or set playback to 'off'"
 
@@ -128,7 +135,8 @@ class Speaker(Node):
     Waiting utterances are queued in order. A newer one with the same key replaces the queued one, with its own waiting
     time. Without a sound device an utterance takes as long as its sound, by the clock of the node; a replay sets
     ``playback`` to "off" for this. Changes of voice, rate, pitch or volume apply to the next utterance. The queue
-    expires if the ``engine`` times out or reports a fault, since its people may have left. A `StopSpeech` interrupts
+    expires if the ``engine`` times out or reports a fault, since its people may have left. What a lost link held back
+    expires, too. A `StopSpeech` interrupts
     the utterance that sounds and drops those that wait.
     """
 
@@ -169,6 +177,8 @@ class Speaker(Node):
         self._folder: Path | None = None
         self._sounds: deque[Path] = deque()
         self._engine_is_ok = True
+        self._is_engine_silent, self._returned_at = False, -nanoseconds(RETURN_S)
+        self._health_ages: deque[int] = deque(maxlen=_HEALTHS)
         self._limits: dict[str, str] = {}
         """Reasons by language without a voice, and by "" without a sound device."""
 
@@ -324,17 +334,25 @@ class Speaker(Node):
     @health
     def on_health(self, health: Health) -> None:
         if health.node == self.engine:
+            self._health_ages.append(self.clock.now() - health.stamp)
             well = health.state not in ("paused", "degraded", "failed")
             if self._engine_is_ok and not well:
                 self._expire_all(f"{self.engine}: {health.reason}")
             self._engine_is_ok = well
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
+        self._is_engine_silent = True
         self._expire_all(f"{self.engine} is silent")
+
+    def on_return(self, port: Input[Any]) -> None:
+        self._is_engine_silent, self._returned_at = False, self.clock.now()
 
     @say
     def on_say(self, utterance: Utterance) -> None:
-        if self._sounding is None:
+        late_s = self._late_s(utterance)
+        if late_s > LATE_S:
+            self._report(utterance, "expired", f"it comes {late_s:.0f} s late")
+        elif self._sounding is None:
             self._speak(utterance)
         else:
             self._wait(utterance)
@@ -350,6 +368,16 @@ class Speaker(Node):
         if utterance is not None:
             self.hush()
             self._report(utterance, "interrupted", request.reason)
+
+    def _late_s(self, utterance: Utterance) -> float:
+        """For how long (s) a lost link has held ``utterance`` back; 0 unless the engine is silent, or was just now.
+
+        Its age is compared with those of the engine's health, because clocks of machines differ.
+        """
+        now = self.clock.now()
+        if not self._health_ages or not (self._is_engine_silent or now - self._returned_at < nanoseconds(RETURN_S)):
+            return 0.0
+        return (now - utterance.stamp - min(self._health_ages)) / SECOND
 
     def _wait(self, utterance: Utterance) -> None:
         entry = _QueuedUtterance(utterance)

@@ -300,6 +300,27 @@ def test_head_centres_and_queued_speech_expires_without_engine(robot):
     assert robot.moves[-1][1] == 0.5
 
 
+def test_speech_that_a_lost_link_held_back_expires(robot):
+    """The engine has greeted a person who is gone; when it sees somebody again, it greets anew."""
+    robot.until(5.0)
+    robot.runner.kill("bdi_engine")
+    before = len(robot.said)
+    for text, said_s in (("too late", 5.2), ("late", 8.3)):
+        robot.until(said_s + 0.01 if text == "late" else 8.0)
+        stamp = nanoseconds(1 + said_s)
+        robot.runner.feed("/speech/say", Utterance(stamp=stamp, id=text, text=text))
+    robot.until(12.0)
+    late, *spoken = robot.said[before:]
+    assert (late.utterance_id, late.state, late.detail) == ("too late", "expired", "it comes 3 s late")
+    assert [(one.utterance_id, one.state) for one in spoken] == [("late", "started"), ("late", "finished")]
+    robot.runner.restart("bdi_engine")
+    robot.until(14.0)
+    before = len(robot.said)
+    robot.runner.feed("/speech/say", Utterance(stamp=SECOND, id="old", text="old"))  # of another clock
+    robot.until(20.0)
+    assert "old started" in [f"{one.utterance_id} {one.state}" for one in robot.said[before:]]
+
+
 def test_runs_with_a_gap_are_deterministic():
     def run() -> list[object]:
         robot = Robot()
