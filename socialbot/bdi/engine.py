@@ -180,8 +180,16 @@ class Engine:
         load(self, text, file)
 
     def add_action(self, action: Callable[..., Any] | type[Action], name: str | None = None) -> None:
-        """Register an AgentSpeak action: an `Action`, or a function of the engine and the arguments."""
-        self.actions[name or getattr(action, "functor", None) or action.__name__] = action
+        """Register an AgentSpeak action: an `Action`, or a function of the engine and the arguments.
+
+        Raises:
+            RuleError: The name has a dot, as those of internal actions, which belong to all agents.
+        """
+        name = name or getattr(action, "functor", None) or action.__name__
+        if "." in name:
+            remedy = f'decorate the function with @asl_action("{name}"), before the program is read'
+            raise RuleError(f"{name} is the name of an internal action", where=self.name, remedy=remedy)
+        self.actions[name] = action
 
     def add_sensor(self, sensor: Sensor) -> None:
         """Add a sensor, from any thread, and start to poll it if it has a period."""

@@ -562,6 +562,16 @@ def test_an_action_that_nobody_has_registered_is_logged_when_the_plans_are_compi
     assert logged == [f"{place} jump/0; register it with engine.add_action", f"{place} sya/1; did you mean say?"]
 
 
+@pytest.mark.parametrize("name", [".goto", "geo.near"])
+def test_an_internal_action_is_not_registered_for_one_agent(name: str) -> None:
+    """Programs would not find it: they are read before they know their agent."""
+    engine = Engine("me", ManualClock())
+    with pytest.raises(RuleError, match=f"me: {name} is the name of an internal action") as caught:
+        engine.add_action(lambda engine: None, name)
+    assert f'@asl_action("{name}")' in caught.value.remedy
+    assert not engine.actions
+
+
 NUMBERS = {
     "event": +p(X, Y) >> [],
     "condition": go() / p(X, Y) >> [],
