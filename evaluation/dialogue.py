@@ -59,6 +59,8 @@ def sentence(script: Script, language: str, chance: random.Random) -> tuple[list
             continue
         value = slots[part.name] = chance.choice(sorted(grammar.values[part.name]))
         words += chance.choice(list(grammar.values[part.name][value][language])).split()
+    if name == "hello":  # "Hello, excuse me" asks for help
+        return words, name, ()
     if chance.random() < 0.3:
         words = [*chance.choice(POLITE[language]).split(), *words]
     if chance.random() < 0.3:

@@ -256,17 +256,25 @@ def test_deep_solutions_that_are_not_needed_are_closed_one_after_the_other(quest
     assert depth < 200
 
 
-@asl_action(".turn")
-async def turn(agent, angle):
-    await asyncio.sleep(0)
+@pytest.fixture
+def dotted():
+    """Internal actions whose names begin with a dot, for one test."""
+
+    @asl_action(".turn")
+    async def turn(agent, angle):
+        await asyncio.sleep(0)
+
+    @asl_action(".shelf.of")
+    def shelf_of(agent, fruit):
+        yield from ("top", "low") if str(fruit) == "apple" else ("low",)
+
+    yield
+    for registry in (actions.INTERNALS, actions._functions):
+        for name in (".turn", ".shelf.of"):
+            registry.pop(name)
 
 
-@asl_action(".shelf.of")
-def shelf_of(agent, fruit):
-    yield from ("top", "low") if str(fruit) == "apple" else ("low",)
-
-
-def test_an_internal_action_of_ones_own_may_begin_with_a_dot():
+def test_an_internal_action_of_ones_own_may_begin_with_a_dot(dotted):
     text = (
         "!go. +!go <- .turn(90); for (.shelf.of(apple, S)) { .print(S) }; if (not .shelf.of(pear, top)) { .print(no) }."
     )
@@ -279,7 +287,7 @@ def test_an_internal_action_of_ones_own_may_begin_with_a_dot():
     assert lines == ["top", "low", "no"]
 
 
-def test_its_number_of_arguments_is_checked():
+def test_its_number_of_arguments_is_checked(dotted):
     (problem,) = check("+!go <- .turn.")
     assert problem.what.startswith(".turn takes 1 to 100 arguments")
 

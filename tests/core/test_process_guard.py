@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -49,8 +50,12 @@ class Guarded:
         return self._errors.read_text()
 
     def guards(self) -> list[int]:
-        children = [each for each in psutil.Process(self.process.pid).children() if is_alive(each.pid)]
-        return [each.pid for each in children if "_process_guard.py" in " ".join(each.cmdline())]
+        found: list[int] = []
+        for each in psutil.Process(self.process.pid).children():
+            with suppress(psutil.Error):  # it has ended
+                if is_alive(each.pid) and "_process_guard.py" in " ".join(each.cmdline()):
+                    found.append(each.pid)
+        return found
 
 
 @pytest.fixture

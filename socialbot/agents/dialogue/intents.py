@@ -315,6 +315,11 @@ def _beside(sentence: Sequence[str], excluded: Iterable[_Span], language: str) -
 _DOUBLED = re.compile(r"(.)\1")
 
 
+@functools.lru_cache(1_000)
+def _undoubled(word: str) -> str:
+    return _DOUBLED.sub(r"\1", word)
+
+
 @functools.lru_cache(100_000)
 def similarity(one: str, other: str) -> float:
     """Similarity of two words from 0 to 1: the share of letters without an insertion, removal, change or swap.
@@ -324,7 +329,7 @@ def similarity(one: str, other: str) -> float:
     >>> similarity("library", "libary") > 0.8
     True
     """
-    one, other = _DOUBLED.sub(r"\1", one), _DOUBLED.sub(r"\1", other)
+    one, other = _undoubled(one), _undoubled(other)
     longest = max(len(one), len(other))
     if one == other or not longest:
         return 1.0
