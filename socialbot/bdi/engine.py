@@ -185,11 +185,11 @@ class Engine:
         Raises:
             RuleError: The name has a dot, as those of internal actions, which belong to all agents.
         """
-        name = name or getattr(action, "functor", None) or action.__name__
-        if "." in name:
-            remedy = f'decorate the function with @asl_action("{name}"), before the program is read'
-            raise RuleError(f"{name} is the name of an internal action", where=self.name, remedy=remedy)
-        self.actions[name] = action
+        functor: str = name or getattr(action, "functor", None) or action.__name__
+        if "." in functor:
+            remedy = f'decorate the function with @asl_action("{functor}"), before the program is read'
+            raise RuleError(f"{functor} is the name of an internal action", where=self.name, remedy=remedy)
+        self.actions[functor] = action
 
     def add_sensor(self, sensor: Sensor) -> None:
         """Add a sensor, from any thread, and start to poll it if it has a period."""

@@ -568,7 +568,7 @@ def test_an_internal_action_is_not_registered_for_one_agent(name: str) -> None:
     engine = Engine("me", ManualClock())
     with pytest.raises(RuleError, match=f"me: {name} is the name of an internal action") as caught:
         engine.add_action(lambda engine: None, name)
-    assert f'@asl_action("{name}")' in caught.value.remedy
+    assert f'@asl_action("{name}")' in (caught.value.remedy or "")
     assert not engine.actions
 
 
