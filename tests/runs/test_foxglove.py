@@ -265,6 +265,7 @@ def test_export_refuses_existing_files_and_unknown_suffixes(run: RecordedRun, tm
         export(run.folder, tmp_path / "run.bin")
 
 
+@pytest.mark.slow  # Rerun's own thread sometimes does not end
 def test_a_rerun_recording_that_cannot_be_written_leaves_no_file(run: RecordedRun, tmp_path: Path) -> None:
     """Rerun writes in a thread, so the error comes at the end; in a process of its own, as that thread may hang."""
     pytest.importorskip("rerun")
