@@ -148,7 +148,7 @@ def main() -> None:
 
 @contextmanager
 def _named_output() -> Iterator[None]:
-    """Let errors of stdout in the block name it, also of what is written at its end."""
+    """Name stdout in errors of writing to it, in the block and when its buffer is written at the end."""
     if not isinstance(sys.stdout, io.TextIOWrapper):  # closed, or replaced by a caller
         yield
         return

@@ -41,11 +41,19 @@ class Servers(Node):
                 "/count",
                 self.count,
                 callback_group=group,
-                goal_callback=lambda goal: (
-                    GoalResponse.REJECT if goal.order > 100 and mode != "hasty" else GoalResponse.ACCEPT
-                ),
+                goal_callback=self.on_goal,
                 cancel_callback=lambda _: CancelResponse.REJECT if mode == "stubborn" else CancelResponse.ACCEPT,
             )
+
+    def on_goal(self, goal: Any) -> GoalResponse:
+        """Answer when the client is discovered: ROS loses what is told before."""
+        deadline = time.monotonic() + 10.0
+        while time.monotonic() < deadline and not (
+            self.count_subscribers("/count/_action/feedback")
+            and self.get_subscriptions_info_by_topic("rr/count/_action/send_goalReply", no_mangle=True)
+        ):
+            time.sleep(0.01)
+        return GoalResponse.REJECT if goal.order > 100 and self.mode != "hasty" else GoalResponse.ACCEPT
 
     def on_light(self, request: Any, response: Any) -> Any:
         response.success = request.data != self.lit

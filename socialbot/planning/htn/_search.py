@@ -81,7 +81,7 @@ def back(trail: Trail | None, start: TaskPlace | None = None) -> Iterator[Trail]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Agenda:
-    """Linked list of what is left to do."""
+    """Linked list of the tasks that are not done yet."""
 
     what: TaskPlace | Alternative
     later: _Agenda | None
@@ -111,7 +111,7 @@ class TaskSearch:
 
         Raises LimitReached, Cancelled, TaskDomainError.
         """
-        # Each choice is a state, what is left to do from it, and the method with which that begins.
+        # Each choice is a state, the tasks that are not done in it, and the method for the first of them.
         choices: list[tuple[SearchState, _Agenda | None, int]] = [(SearchState(state.copy()), _before(todo, None), 0)]
         while choices:
             current, agenda, index = choices.pop()
