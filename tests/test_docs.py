@@ -143,6 +143,40 @@ def test_every_command_is_explained_on_the_page_of_commands():
     assert [name for name in shown if not re.search(rf"`(socialbot )?{name}\b", text)] == []
 
 
+def section(text: str, anchor: str) -> str:
+    """Return the part of the page of commands below the heading of a command, with its subsections."""
+    found = re.search(rf"^### {re.escape(anchor)}\n.*?(?=^##?#? (?!#)|\Z)", text, re.MULTILINE | re.DOTALL)
+    return found[0] if found else ""
+
+
+def leaves(found: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The commands that take no further ones, with their names."""
+    for name, below in getattr(found, "commands", {}).items():
+        if not below.hidden:
+            yield from leaves(below, (*path, name)) if hasattr(below, "commands") else [((*path, name), below)]
+
+
+def unnamed_options(text: str) -> list[str]:
+    """The options that neither the section of their command names nor one that it links to."""
+    unnamed = []
+    for path, found in leaves(command()):
+        own = section(text, path[0])
+        told = own + "".join(section(text, anchor) for anchor in re.findall(r"\]\(#([a-z]+)\)", own))
+        shown = (each for each in found.params if each.param_type_name == "option" and not each.hidden)
+        unnamed += [f"{' '.join(path)} {each.opts[0]}" for each in shown if not set(each.opts) & set(words(told))]
+    return unnamed
+
+
+def words(text: str) -> list[str]:
+    return re.findall(r"--?[a-z][a-z-]*", text)
+
+
+def test_every_option_is_explained_on_the_page_of_commands():
+    text = text_of(ROOT / "docs" / "cli.md")
+    assert unnamed_options(text) == []
+    assert unnamed_options(text.replace("`--template NAME`", "")) == ["new --template"]
+
+
 def test_commands_are_found_in_the_docs():
     told = {line.split()[0] for page in PAGES for line in commands_in(page)}
     assert {"demo", "replay", "up", "bag", "plan", "status", "why"} <= told
