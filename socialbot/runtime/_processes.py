@@ -111,19 +111,30 @@ class _Wait:
 
 
 class ProcessorWaits:
-    """How long the threads of a process have been ready and waited for a processor, from the first look on.
+    """How long a process has waited for a processor, from the first look on.
+
+    Its threads wait for each other, too: one after the other is ready and waits for a processor. So between two looks,
+    the thread that waited longest counts.
 
     Linux adds a wait to its count when it ends. A wait that goes on is counted here: the time in which a thread was
     ready, began no new period on a processor, and did not run.
+
+    Args:
+        tasks: Folder of the threads, ``/proc/PID/task``.
     """
 
-    def __init__(self, pid: int) -> None:
-        self._tasks = Path(f"/proc/{pid}/task")
+    def __init__(self, tasks: Path) -> None:
+        self._tasks = tasks
         self._waits: dict[str, _Wait] = {}
+        self._counted_s: dict[str, float] = {}
+        self._total_s = 0.0
 
-    def longest_s(self, now: float) -> float:
-        """Look once; return the wait of the thread that waited longest (s). It is 0 where Linux counts none."""
-        return max((self._wait_s(task, now) for task in self._tasks.glob("*")), default=0.0)
+    def total_s(self, now: float) -> float:
+        """Look once; return the wait of the process (s). It is 0 where Linux counts none."""
+        waits_s = {task.name: self._wait_s(task, now) for task in self._tasks.glob("*")}
+        self._total_s += max([0.0, *(wait_s - self._counted_s.get(name, 0.0) for name, wait_s in waits_s.items())])
+        self._counted_s = waits_s
+        return self._total_s
 
     def _wait_s(self, task: Path, now: float) -> float:
         try:

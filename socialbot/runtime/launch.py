@@ -449,15 +449,15 @@ class Supervisor:
     def _hung(self, member: Member, now: float) -> str:
         """Return why a process hangs, if it does: a node has not reported, or DDS works without end.
 
-        Time in which its process waited for a processor does not count, up to `STARVED_LIMITS`.
+        Time in which a thread of its process waited for a processor does not count, up to `STARVED_LIMITS`.
         """
         for node, reported_at in member.reported_at.items():
             limit_s = self._policy.hung_s if member.states.get(node) == ACTIVE else self._policy.ready_s
             silent_s = now - reported_at
             starved_s = 0.0
             if silent_s > min(SILENT_S, limit_s / 2) and member.process is not None:
-                waits = member.waits.setdefault(node, ProcessorWaits(member.process.pid))
-                starved_s = waits.longest_s(now)
+                waits = member.waits.setdefault(node, ProcessorWaits(Path(f"/proc/{member.process.pid}/task")))
+                starved_s = waits.total_s(now)
             if silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s:
                 return f"{node} sent no report"
         is_endless = member.work is not None and member.work.longest_s(now) >= ENDLESS_S

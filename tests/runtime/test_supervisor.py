@@ -309,7 +309,7 @@ def test_a_process_that_waits_for_a_processor_is_not_hung_so_soon(scripts: dict[
 say("active")
 if os.environ["{RESTARTS_VARIABLE}"] == "0":
     os.sched_setaffinity(0, [{core}])
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    os.nice(19)
     while True:
         sum(range(100_000))
 {WELL}"""
@@ -322,11 +322,11 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
             one = supervisor.members["one"]
             assert attended(supervisor, lambda: one.states.get("one") == "active")
             reported_at = one.reported_at["one"]
-            waits, waited_s = ProcessorWaits(supervisor.pids["one"]), 0.0
+            waits, waited_s = ProcessorWaits(Path(f"/proc/{supervisor.pids['one']}/task")), 0.0
 
             def is_restarted() -> bool:
                 nonlocal waited_s
-                waited_s = waits.longest_s(monotonic()) if one.restarts == 0 else waited_s
+                waited_s = waits.total_s(monotonic()) if one.restarts == 0 else waited_s
                 return one.restarts == 1
 
             assert attended(supervisor, is_restarted)
@@ -337,6 +337,36 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
     finally:
         rival.kill()
         rival.wait()
+
+
+def note_thread(tasks: Path, name: str, state: str, ran_s: float, waited_s: float, periods: int) -> None:
+    (tasks / name).mkdir(exist_ok=True)
+    (tasks / name / "stat").write_text(f"1 (python) {state} 1")
+    (tasks / name / "schedstat").write_text(f"{ran_s * 1e9:.0f} {waited_s * 1e9:.0f} {periods}\n")
+
+
+def test_threads_that_wait_for_each_other_wait_together(tmp_path: Path) -> None:
+    """One holds Python's lock and waits for a processor, then the other: each for half of the time."""
+    waits = ProcessorWaits(tmp_path)
+    waited_s = [5.0, 70.0]
+    for turn in range(21):
+        for index, name in enumerate("ab"):
+            note_thread(tmp_path, name, "S", 1.0 + turn / 1000, waited_s[index], turn)
+        assert waits.total_s(100.0 + turn / 2) == pytest.approx(0.49 * turn)
+        waited_s[turn % 2] += 0.49
+
+
+def test_threads_that_wait_at_once_count_once(tmp_path: Path) -> None:
+    waits = ProcessorWaits(tmp_path)
+    for turn in range(21):
+        for name in "ab":
+            note_thread(tmp_path, name, "R", 1.0, 5.0, 7)
+        assert waits.total_s(100.0 + turn / 2) == pytest.approx(turn / 2)
+    for name in "ab":  # its wait has ended: Linux counts it
+        note_thread(tmp_path, name, "S", 1.1, 15.0, 8)
+    assert waits.total_s(110.5) == pytest.approx(10.0)
+    note_thread(tmp_path, "c", "S", 1.0, 40.0, 7)  # a new thread, which waited before
+    assert waits.total_s(111.0) == pytest.approx(10.0)
 
 
 def test_a_system_suspend_is_no_hang(scripts: dict[str, str], tmp_path: Path) -> None:
