@@ -17,6 +17,7 @@ from socialbot.bags.typed import from_typed, header_stamp, json_text, make_heade
 from socialbot.bags.types import type_name, typed_messages
 from socialbot.core import limits
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.decoding import JsonDecoder, json_decoder
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
     NO_JSON,
@@ -232,10 +233,10 @@ def _expect_at_most(most: int, count: int, what: str) -> None:
 
 
 @functools.cache
-def _json_decoder(message_type: type[Structured]) -> msgspec.json.Decoder[Any]:
+def _json_decoder(message_type: type[Structured]) -> JsonDecoder[Any]:
     # A union, because msgspec lets the schema name be missing where only one struct is possible.
     members = message_types() if message_type is Structured else (message_type, Structured)
-    return msgspec.json.Decoder(Union[members])  # noqa: UP007 - the members are known at run time only
+    return json_decoder(Union[members])  # noqa: UP007 - the members are known at run time only
 
 
 def _schema_remedy(error: str) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from socialbot.bags.types import BYTE, JSON, Field, fields_of, type_name
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_builtins, from_json
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Structured
 
@@ -65,7 +66,7 @@ def from_typed(message_type: type[S], ros_message: Any) -> S:
             "frame_id": header.frame_id,
             **_given(message_type, ros_message),
         }
-        return msgspec.convert(given, message_type)
+        return from_builtins(given, message_type)
     except (AttributeError, TypeError, ValueError, msgspec.MsgspecError, RecursionError) as error:
         raise MessageError(f"not a valid {type_name(message_type)}: {error}") from error
 
@@ -146,5 +147,5 @@ def _read(field: Field, value: Any) -> Any:
 
 def _read_one(field: Field, value: Any) -> Any:
     if isinstance(field.kind, type):
-        return msgspec.convert(_given(field.kind, value), field.kind)
-    return msgspec.json.decode(value) if field.kind == JSON else value
+        return from_builtins(_given(field.kind, value), field.kind)
+    return from_json(value, Any) if field.kind == JSON else value

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.stream_watch import noting
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
+from socialbot.core.decoding import json_decoder
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import NO_JSON, Health, State
 from socialbot.graph.node import Graph
@@ -45,7 +46,7 @@ _LEVELS: Mapping[str, str] = {"failed": "ERROR", "degraded": "WARN", "waiting": 
 """Level on /diagnostics of a node that is not well, by the state of its health."""
 
 OnStatus = Callable[[str, dict[str, str]], None]  # receives the name of a node and the values of its status
-_DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
+_DECODER = json_decoder(tuple[str, dict[str, str]])
 
 
 class DiagnosticsPublisher:

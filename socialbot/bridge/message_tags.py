@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from socialbot.bridge.detached_seals import head
 from socialbot.bridge.keys import Keys, fingerprint
+from socialbot.core.decoding import json_decoder
 from socialbot.core.messages import NO_JSON
 
 SCHEMA = "socialbot/Tags/1"
@@ -42,7 +43,7 @@ class Tags(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=SC
     tags: Mapping[str, Annotated[bytes, msgspec.Meta(min_length=_TAG_BYTES, max_length=_TAG_BYTES)]]
 
 
-_DECODER = msgspec.json.Decoder(Tags)
+_DECODER = json_decoder(Tags)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from socialbot.bridge.keys import KeyRing, Keys
 from socialbot.bridge.message_tags import Tag, TagKeys
 from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import json_decoder
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import NO_JSON
 
@@ -131,7 +132,7 @@ or realm. ``moved``: sealed for another topic. ``late``, ``early``: outside of t
 the last message of its stream. The last four have a valid signature.
 """
 
-_DECODER = msgspec.json.Decoder(Sealed)
+_DECODER = json_decoder(Sealed)
 _REMEDIES = {
     "sealed": "set SOCIALBOT_KEYS to a key that its sender trusts, see docs/security.md",
     "unsealed": "give its sender a key: SOCIALBOT_KEYS, see docs/security.md",

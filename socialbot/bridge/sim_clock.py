@@ -21,6 +21,7 @@ import msgspec
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Sender, Subscription, log_refusal, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.decoding import JsonDecoder, json_decoder
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import NO_JSON, Structured
 from socialbot.graph.ports import Delivery
@@ -101,11 +102,11 @@ class StepReport(msgspec.Struct, frozen=True):
         return _decoded(_REPORT_DECODER, text)
 
 
-_ROUND_DECODER = msgspec.json.Decoder(Round)
-_REPORT_DECODER = msgspec.json.Decoder(StepReport)
+_ROUND_DECODER = json_decoder(Round)
+_REPORT_DECODER = json_decoder(StepReport)
 
 
-def _decoded(decoder: msgspec.json.Decoder[T], text: str) -> T:
+def _decoded(decoder: JsonDecoder[T], text: str) -> T:
     try:
         return decoder.decode(text)
     except NO_JSON as error:

@@ -31,6 +31,7 @@ from socialbot.bridge.adaptive_subscriptions import (
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
 from socialbot.bridge.transport import is_installed, message_class, open_transport
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_builtins, from_json
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import NO_JSON, Message, RosMessage, Structured, ros_message
 from socialbot.core.references import load_reference
@@ -97,7 +98,7 @@ def _decoded(message: Any) -> Any:
     if not isinstance(text, str) or not text.startswith("{"):
         return None
     try:
-        return msgspec.json.decode(text)
+        return from_json(text, Any)
     except NO_JSON:
         return None
 
@@ -352,7 +353,7 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured | RosMess
         if name not in known:
             raise MessageError(f"no field {name!r}", where=schema, remedy=suggestion(str(name), known))
     try:
-        message = msgspec.convert({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
+        message = from_builtins({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
         msgspec.json.encode(message)  # the text may hold lone surrogates
     except (msgspec.ValidationError, UnicodeError) as error:
         remedy = f"see the class {kind.__name__}" if ":" in schema else f"see docs/schemas/{schema}.json"

@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from socialbot.core.decoding import from_builtins
 from socialbot.core.messages import Int64, PersonDetection, Size, Stamp
 
 
@@ -94,7 +95,7 @@ def check_detail(kind: str, detail: Mapping[str, Any]) -> None:
         ValueError: An entry has another type than records of this kind have.
     """
     try:
-        msgspec.convert(detail, DETAILS.get(kind, _OTHER))
+        from_builtins(detail, DETAILS.get(kind, _OTHER))
     except msgspec.ValidationError as error:
         place = _AT.search(str(error))
         name = f"detail.{place[1]}" if place else "detail"

@@ -17,6 +17,7 @@ import numpy as np
 
 from socialbot.core import limits
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_builtins
 from socialbot.core.errors import GraphError, MessageError
 
 VERSION = 1
@@ -256,7 +257,7 @@ class Structured(
 def check_fields(message: Structured, *, where: str) -> None:
     """Check the types of all fields. Raises MessageError."""
     try:
-        msgspec.convert(msgspec.to_builtins(message), type(message))
+        from_builtins(msgspec.to_builtins(message), type(message))
     except (TypeError, msgspec.ValidationError) as error:
         raise MessageError(f"no valid {type(message).__name__}: {error}", where=where) from error
 

@@ -34,6 +34,7 @@ import msgspec
 
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import PlanningError
 from socialbot.core.paths import read_text, replace_file
 from socialbot.core.reading import read_bytes
@@ -202,7 +203,7 @@ def restore_mind(deliberator: Deliberator, path: Path) -> bool:
     """
     remedy = "delete the file to start without it"
     try:
-        saved = msgspec.json.decode(read_bytes(path), type=SavedMind)
+        saved = from_json(read_bytes(path), SavedMind)
     except FileNotFoundError:
         return False
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -13,6 +13,7 @@ import msgspec
 from socialbot.bdi import Engine
 from socialbot.bdi.literals import OWN_SOURCES
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.decoding import from_builtins
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.desires import End
@@ -177,7 +178,7 @@ def _words(text: str) -> tuple[str, ...]:
 
 def _priority(word: str, where: str) -> float:
     try:
-        return msgspec.convert(word, Priority, strict=False)
+        return from_builtins(word, Priority, strict=False)
     except msgspec.ValidationError as error:
         what = f"desire_pr: {word!r} is no priority"
         raise ParameterError(what, where=where, remedy="give numbers from 0 to 1") from error

@@ -20,13 +20,12 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import msgspec
-
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.ros_action import RosAction
 from socialbot.bdi import Belief, Failed
 from socialbot.bdi.sensors import Sensed
 from socialbot.core import limits
+from socialbot.core.decoding import from_json
 from socialbot.core.messages import NO_JSON
 from socialbot.graph.services import ActionClient
 
@@ -66,7 +65,7 @@ class ask(RosAction):
             most = limits.SENTENCE_CHARACTERS
             raise Failed("not_understood", f"the answers have {len(result.answers)} characters, more than {most}")
         try:
-            answers = msgspec.json.decode(result.answers.encode())
+            answers = from_json(result.answers.encode(), Any)
         except NO_JSON as error:
             raise Failed("not_understood", f"the answers are no JSON: {error}") from error
         if not isinstance(answers, Mapping):

@@ -22,6 +22,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import RunError
 from socialbot.core.messages import NO_JSON, Command
 from socialbot.runs._access import FRESH, AccessGuard, BodyLimit, reply, reply_error
@@ -183,7 +184,7 @@ class PageServer:
         if self.commands.shut:
             raise HTTPException(403, self.commands.shut)
         try:
-            asked = msgspec.json.decode(await request.body(), type=CommandRequest)
+            asked = from_json(await request.body(), CommandRequest)
         except NO_JSON as error:
             raise HTTPException(400, f"not a valid command: {error}") from error
         if asked.command == "say":

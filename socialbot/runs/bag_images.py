@@ -11,12 +11,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
 
 from socialbot.bags.image_files import decode_image, open_video
 from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
 from socialbot.core.paths import CHECK_DISK
@@ -242,7 +242,7 @@ class _Captions:
     def __init__(self, record: RunRecord, start: int) -> None:
         self._start = start
         lines = read_bytes(record.folder / TRACE).splitlines()
-        records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
+        records = (from_json(line, TraceRecord) for line in lines)
         self._beliefs = [each for each in records if each.kind == "belief" and each.what.startswith("personD")]
         self._utterances = record.utterances
 

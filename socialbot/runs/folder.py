@@ -11,6 +11,7 @@ import msgspec
 
 from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
+from socialbot.core.decoding import from_json, json_decoder
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
 from socialbot.core.reading import read_bytes
@@ -82,8 +83,8 @@ class RecordedRun(RunView):
             return {}
         try:
             data = read_bytes(path)
-            msgspec.json.decode(data, type=_Results)
-            return msgspec.json.decode(data, type=dict[str, Any])
+            from_json(data, _Results)
+            return from_json(data, dict[str, Any])
         except (OSError, *NO_JSON) as error:
             self.damage.append(f"results.json cannot be read: {error}")
             return {}
@@ -124,18 +125,18 @@ class RecordedRun(RunView):
 
     def _seen(self, kinds: Mapping[str, type[Message | NodeReport]]) -> Iterator[tuple[str, Message | NodeReport]]:
         """Yield the messages of seen.jsonl on topics with these types."""
-        lines, path = msgspec.json.Decoder(_Line), self.folder / SEEN
+        lines, path = json_decoder(_Line), self.folder / SEEN
 
         def decode(text: bytes) -> tuple[str, Message | NodeReport | None]:
             line = lines.decode(text)
             kind = kinds.get(line.topic)
-            return line.topic, None if kind is None else msgspec.json.decode(line.message, type=kind)
+            return line.topic, None if kind is None else from_json(line.message, kind)
 
         if path.is_file():
             yield from ((topic, message) for topic, message in self._decoded(path, decode) if message is not None)
 
     def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
-        return self._decoded(path, msgspec.json.Decoder(kind).decode)
+        return self._decoded(path, json_decoder(kind).decode)
 
     def _decoded(self, path: Path, decode: Callable[[bytes], T]) -> Iterator[T]:
         """Yield the lines of a file and its older parts; note unreadable ones, except for a truncated last line."""

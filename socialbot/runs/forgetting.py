@@ -12,6 +12,7 @@ import msgspec
 
 from socialbot.core.bounded_log import is_being_written, parts
 from socialbot.core.clock import nanoseconds
+from socialbot.core.decoding import from_json, json_decoder
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import NO_JSON, TraceRecord
 from socialbot.core.paths import expect_inside, leads_inside, replace_file, writing
@@ -111,7 +112,7 @@ class _Forgetting:
 
     def _records(self, path: Path) -> Iterator[TraceRecord]:
         """Yield the intact records of a file; damaged lines are dropped, since they may hold anything."""
-        decoder = msgspec.json.Decoder(TraceRecord)
+        decoder = json_decoder(TraceRecord)
         for line in read_bytes(path).split(b"\n"):
             try:
                 if line:
@@ -171,8 +172,8 @@ class _Forgetting:
             return None
         data = read_bytes(path)
         try:
-            msgspec.json.decode(data, type=_Lists)
-            return msgspec.json.decode(data, type=dict[str, Any])
+            from_json(data, _Lists)
+            return from_json(data, dict[str, Any])
         except NO_JSON as error:
             remedy = "delete this file, or the whole run; nothing was removed"
             raise RunError(f"cannot be read: {error}", where=str(path), remedy=remedy) from error

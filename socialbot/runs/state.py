@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
+from socialbot.core.decoding import from_builtins
 from socialbot.core.messages import PersonDetection, TraceRecord
 from socialbot.runs.history import OF_TOPICS, History
 from socialbot.runs.narration import Wording, plan_name
@@ -435,4 +436,4 @@ class StateIndex:
 
 def persons_of(record: TraceRecord) -> tuple[PersonDetection, ...]:
     """Return the persons of a detection record."""
-    return msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
+    return from_builtins(record.detail.get("persons", ()), tuple[PersonDetection, ...])

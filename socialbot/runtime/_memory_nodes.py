@@ -9,6 +9,7 @@ from typing import Any, get_type_hints
 import msgspec
 import numpy as np
 
+from socialbot.core.decoding import msgpack_decoder
 from socialbot.core.errors import NodeError, ParameterError, SocialbotError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Context, Node, failure_text
@@ -39,7 +40,7 @@ def encode(message: Message) -> bytes:
 
 def decode(data: bytes, kind: type[Message]) -> Message:
     """Decode a message; its arrays are empty."""
-    return msgspec.msgpack.decode(data, type=kind, dec_hook=_array)
+    return msgpack_decoder(kind, _array).decode(data)
 
 
 def has_arrays(kind: type[Message]) -> bool:

@@ -16,6 +16,7 @@ from socialbot.bags.playback import InlineStage, PlaybackResult, WorldScript, fe
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.recorded_services import recorded_services
 from socialbot.core.clock import SECOND
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, PersonDetections, TraceRecord
 from socialbot.core.paths import read_text
@@ -232,7 +233,7 @@ class BagSource(RunSource):
                 launch.check()
                 time.sleep(DRAIN_S)
         if report.exists():
-            played = msgspec.json.decode(read_bytes(report), type=PlaybackResult)
+            played = from_json(read_bytes(report), PlaybackResult)
             self.bag.skipped.update(played.skipped)
             if not played.sent:
                 raise self._unreadable()

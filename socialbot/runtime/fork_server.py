@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from socialbot.bridge.environment import CHANNEL_VARIABLE, has_keys
+from socialbot.core.decoding import from_json
 from socialbot.core.process import python_command
 from socialbot.core.process_guard import guard_child
 from socialbot.runtime._processes import (
@@ -279,7 +280,7 @@ def main() -> None:
     prepare("node")
     if not (data := connection.recv(MAX_REQUEST_BYTES)):
         return
-    apply(msgspec.json.decode(data, type=Setting))
+    apply(from_json(data, Setting))
     if threading.active_count() > 1 or "rclpy" in sys.modules:
         sys.exit("there are threads, which forks would lose")
     gc.collect()
@@ -311,7 +312,7 @@ def serve(connection: socket.socket) -> bool:
         data, files, _, _ = socket.recv_fds(connection, MAX_REQUEST_BYTES, 2)
         if not data:
             return False
-        request = msgspec.json.decode(data, type=ForkRequest)
+        request = from_json(data, ForkRequest)
         pid = fork_orphan()
         if pid == 0:
             connection.close()

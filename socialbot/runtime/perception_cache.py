@@ -23,6 +23,7 @@ import msgspec
 import socialbot
 from socialbot.bags.reader import Bag, Skipped
 from socialbot.core import paths
+from socialbot.core.decoding import msgpack_decoder
 from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import Health, Message, RosMessage
 from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
@@ -439,5 +440,4 @@ def _split(content: bytes) -> tuple[Entry, list[Step]]:
         size = int.from_bytes(content[at : at + 4], "big")
         blocks.append(content[at + 4 : at + 4 + size])
         at += 4 + size
-    decoder = msgspec.msgpack.Decoder(Step)
-    return msgspec.msgpack.decode(blocks[-1], type=Entry), [decoder.decode(block) for block in blocks[:-1]]
+    return msgpack_decoder(Entry).decode(blocks[-1]), [msgpack_decoder(Step).decode(block) for block in blocks[:-1]]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from socialbot.core.clock import ManualClock
+from socialbot.core.decoding import from_builtins
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
@@ -176,7 +177,7 @@ class Execution:
         if failed and not self.ending.asked:
             raise NodeError(f"did not end well: {', '.join(failed)}", where=str(self.logs))
         self.result.nodes.update(
-            (name, msgspec.convert(values, NodeResult, strict=False))
+            (name, from_builtins(values, NodeResult, strict=False))
             for name, values in sorted(statistics.latest.items())
         )
 

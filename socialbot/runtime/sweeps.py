@@ -17,6 +17,7 @@ import msgspec
 
 from socialbot import __version__
 from socialbot.bags.reader import open_bag
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import GraphError, InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import NO_JSON
@@ -228,7 +229,7 @@ class Journal:
             raise RunError(f"cannot be used: {error.strerror}", where=str(self.path), remedy=remedy) from error
         for line in lines:
             try:
-                found = msgspec.json.decode(line, type=_Line)
+                found = from_json(line, _Line)
             except NO_JSON:  # the line that an interrupted sweep was writing
                 continue
             self.results[found.key] = found.result

@@ -22,6 +22,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import NO_JSON
 from socialbot.core.paths import replace_file, writing
@@ -434,7 +435,7 @@ def load_pose(path: Path) -> CameraPose | None:
         ParameterError: The file is not a pose.
     """
     try:
-        pose = msgspec.json.decode(read_bytes(path), type=CameraPose)
+        pose = from_json(read_bytes(path), CameraPose)
     except FileNotFoundError:
         return None
     except (OSError, *NO_JSON) as error:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-import msgspec
-
 from socialbot.agents.base.state_file import MindFile
 from socialbot.bdi import Action, Engine, Record
 from socialbot.bdi.agentspeak import AgentSpeakError, parse_literal
@@ -16,6 +14,7 @@ from socialbot.bdi.stdlib.goals import drop_goal
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import GraphError, RuleError, SocialbotError
 from socialbot.core.messages import (
     AGENT_ANSWERS,
@@ -170,7 +169,7 @@ def _desire(text: str) -> Desire:
     if not text.startswith("{"):
         return Desire(name=text.lower(), value=parse_facts(text))
     try:
-        return msgspec.json.decode(text, type=Desire)
+        return from_json(text, Desire)
     except NO_JSON as error:
         raise RefusedError(f"invalid desire: {error}") from error
 

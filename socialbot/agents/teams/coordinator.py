@@ -22,6 +22,7 @@ from socialbot.agents.teams.missions import (
 )
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
+from socialbot.core.decoding import from_builtins, from_json
 from socialbot.core.errors import ParameterError
 from socialbot.core.reading import read_bytes
 from socialbot.graph.node import Context, Node
@@ -270,7 +271,7 @@ class TeamCoordinator(Node):
         self.coordinator.manager.options = self._options()
 
     def _options(self) -> CoordinatorOptions:
-        return msgspec.convert(dict(self.parameter_values), CoordinatorOptions)
+        return from_builtins(dict(self.parameter_values), CoordinatorOptions)
 
     def _publish(self) -> None:
         """Publish and save changes."""
@@ -292,7 +293,7 @@ def _recall(path: Path | None) -> CoordinatorMemory:
     if path is None or not path.exists():
         return CoordinatorMemory()
     try:
-        return msgspec.json.decode(read_bytes(path), type=CoordinatorMemory)
+        return from_json(read_bytes(path), CoordinatorMemory)
     except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ParameterError(
             f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"

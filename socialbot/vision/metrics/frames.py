@@ -17,6 +17,7 @@ from socialbot.bags.image_files import decode_image, decoder_limit, open_video
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.core.reading import read_bytes
@@ -234,7 +235,7 @@ def _entry(entry: msgspec.Raw, where: str) -> LabelledImage:
 def _name(number: int, entry: msgspec.Raw) -> str:
     """Number and, if readable, image of an entry."""
     try:
-        image = msgspec.json.decode(entry, type=dict).get("image")
+        image = from_json(entry, dict).get("image")
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         image = ""
     return f"entry {number} ({image})" if image else f"entry {number}"

@@ -28,6 +28,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import TruthError
 from socialbot.core.reading import read_bytes
 
@@ -160,7 +161,7 @@ def read_json(path: str | Path) -> bytes:
 def parse_json(data: bytes | str | msgspec.Raw, kind: type[T], *, where: str, remedy: str, prefix: str = "") -> T:
     """Parse ``data`` as ``kind``. Raises TruthError, which starts with ``prefix``, if it does not fit."""
     try:
-        return msgspec.json.decode(data, type=kind)
+        return from_json(data, kind)
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
         raise TruthError(f"{prefix}{error}", where=where, remedy=remedy) from error
 

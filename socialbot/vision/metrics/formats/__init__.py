@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import ParameterError, TruthError, suggestion
 from socialbot.core.references import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
@@ -52,7 +54,7 @@ def _is_own(path: Path) -> bool:
     if path.suffix.lower() != ".json" or COCO.is_file(path):
         return False
     try:
-        content = msgspec.json.decode(read_json(path))
+        content = from_json(read_json(path), Any)
     except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return True
     if format_of_json(content):

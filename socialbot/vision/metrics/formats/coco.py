@@ -15,6 +15,7 @@ import msgspec
 
 from socialbot.bags.image_files import DEFAULT_RATE_HZ
 from socialbot.bags.reader import natural
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import TruthError
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
@@ -111,7 +112,7 @@ class _File(msgspec.Struct):
 def is_coco(path: Path) -> bool:
     """Whether a file is a JSON object with images or videos, and annotations."""
     try:
-        data = msgspec.json.decode(read_json(path), type=_File)
+        data = from_json(read_json(path), _File)
     except (TruthError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return False
     return bool(data.images or data.videos)
@@ -280,7 +281,7 @@ def _add_annotations(
 def _box_around(segmentation: msgspec.Raw) -> list[float]:
     """Box around the outlines or the mask of a person; empty without them."""
     try:
-        outlines = msgspec.json.decode(segmentation, type=list[list[float]] | _Mask | None) or []
+        outlines = from_json(segmentation, list[list[float]] | _Mask | None) or []
     except msgspec.MsgspecError:
         return []
     if isinstance(outlines, _Mask):
