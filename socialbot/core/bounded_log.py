@@ -7,6 +7,7 @@ import fcntl
 import itertools
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -119,7 +120,7 @@ RETRY_S = 1.0
 
 
 class LossyLog:
-    """Bounded log that drops lines while they cannot be written, and goes on when they can.
+    """Bounded log that drops lines while they cannot be written, and goes on when they can. Threads may share it.
 
     Attributes:
         problem: Why lines cannot be written at present; empty if they can.
@@ -130,32 +131,35 @@ class LossyLog:
         self._log = log
         self._steady_s = steady_s
         self._look_at = 0.0
+        self._lock = threading.Lock()
         self.problem = ""
         self.lost = 0
 
     def write(self, line: bytes) -> None:
         """Append ``line``, or drop it."""
         now = self._steady_s()
-        if self.problem and now < self._look_at:
-            self.lost += 1
-            return
-        try:
-            if now >= self._look_at:
-                self._look_at = now + RETRY_S
-                self._reopen_if_gone()
-            self._log.write(line)
-        except OSError as error:
-            self.problem = error.strerror or str(error)
-            self.lost += 1
-        else:
-            self.problem = ""
+        with self._lock:
+            if self.problem and now < self._look_at:
+                self.lost += 1
+                return
+            try:
+                if now >= self._look_at:
+                    self._look_at = now + RETRY_S
+                    self._reopen_if_gone()
+                self._log.write(line)
+            except OSError as error:
+                self.problem = error.strerror or str(error)
+                self.lost += 1
+            else:
+                self.problem = ""
 
     def restore(self) -> None:
         """Make the file again if it was removed, even if there is nothing to write."""
-        try:
-            self._reopen_if_gone()
-        except OSError as error:
-            self.problem = error.strerror or str(error)
+        with self._lock:
+            try:
+                self._reopen_if_gone()
+            except OSError as error:
+                self.problem = error.strerror or str(error)
 
     def _reopen_if_gone(self) -> None:
         if self._log.is_gone:

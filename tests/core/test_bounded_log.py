@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import resource
 import shutil
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -190,3 +192,35 @@ def test_of_the_logs_of_ros_the_latest_are_kept(tmp_path: Path) -> None:
         os.utime(path, (number, number))
     Rotation(longest=10, kept=0, most=2).rotate_all([], tmp_path)
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"3.log": "", "4.log": ""}
+
+
+def test_threads_may_write_while_another_one_looks_for_a_removed_file(tmp_path: Path) -> None:
+    """The record of a live run: its folder is removed while one thread writes and another one checks it."""
+    path = tmp_path / "run" / "j"
+    path.parent.mkdir()
+    log, interval = LossyLog(BoundedLog(path, 400)), sys.getswitchinterval()
+    ended, errors = threading.Event(), []
+
+    def check() -> None:
+        try:
+            while not ended.is_set():
+                log.restore()
+        except Exception as error:  # noqa: BLE001 - the test asserts that there is none
+            errors.append(error)
+
+    checker = threading.Thread(target=check)
+    sys.setswitchinterval(1e-6)
+    try:
+        checker.start()
+        for number in range(6000):
+            if number % 100 == 0:
+                shutil.rmtree(path.parent, ignore_errors=True)  # the file may come again meanwhile
+            log.write(b"line %06d" % number)
+    finally:
+        sys.setswitchinterval(interval)
+        ended.set()
+        checker.join()
+    assert errors == []
+    log.restore()
+    log.write(b"last")
+    assert lines(path)[-1] == b"last"
