@@ -267,7 +267,8 @@ class RunTrace:
             self._write_seen(topic, message)
 
     def _latest_lines(self) -> Iterator[bytes]:
-        return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
+        last = list(self._last.items())  # another thread may record meanwhile
+        return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in last)
 
     def _write_seen(self, topic: str, message: Message | NodeReport) -> None:
         if self._seen is not None:

@@ -3,6 +3,8 @@ from __future__ import annotations
 import json
 import resource
 import shutil
+import sys
+import threading
 
 import msgspec
 import pytest
@@ -14,6 +16,7 @@ from socialbot.core.messages import (
     ActionRequest,
     CameraInfo,
     HeadCommand,
+    Health,
     HeardSpeech,
     JointTrajectory,
     Message,
@@ -203,6 +206,31 @@ def test_a_removed_run_has_all_its_files_again_without_a_further_message(tmp_pat
         record.write_results({})
     assert {path.name for path in run.iterdir()} >= {"graph.yaml", "seen.jsonl", "trace.jsonl"}
     assert open_run(run).problems == []
+
+
+def test_a_removed_run_is_made_again_while_another_thread_records(tmp_path):
+    run, errors, interval = tmp_path / "run", [], sys.getswitchinterval()
+
+    def see_nodes() -> None:
+        try:
+            for number in range(3000):
+                record.observe("/health", Health(stamp=number, node=f"n{number}", state="active"))
+        except Exception as error:  # noqa: BLE001 - the test asserts that there is none
+            errors.append(error)
+
+    observer = threading.Thread(target=see_nodes)
+    with RunTrace(run, lossy=True) as record:
+        record.describe(load_graph("hospital"))
+        sys.setswitchinterval(1e-6)
+        try:
+            observer.start()
+            while observer.is_alive():
+                shutil.rmtree(run, ignore_errors=True)
+                record.check()
+        finally:
+            sys.setswitchinterval(interval)
+            observer.join()
+        assert errors == []
 
 
 def test_a_removed_run_that_cannot_be_written_again_has_a_problem(tmp_path):
