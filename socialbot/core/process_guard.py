@@ -112,8 +112,8 @@ def guarded(end_s: float = END_S, hung_s: float = HUNG_S, children_s: float = CH
     """Guard this process within the block: SIGINT and SIGTERM end the block, or kill the process after ``end_s``.
 
     The time does not count while the process is stopped (SIGSTOP, Ctrl-Z, a debugger) or the computer is suspended.
-    Before, SIGQUIT lets the process write the stacks of its threads. Only in the main thread, and on Linux; without
-    effect in a guarded process.
+    Before, SIGQUIT lets the process write the stacks of its threads, as a crash of native code does. Only in the main
+    thread, and on Linux; without effect in a guarded process.
 
     Args:
         end_s: Time limit (s) after a signal, or after the last call of `report_alive` if that was later.
@@ -128,11 +128,15 @@ def guarded(end_s: float = END_S, hung_s: float = HUNG_S, children_s: float = CH
     guard = _guard = _Guard(end_s, hung_s, children_s)
     before = signal.set_wakeup_fd(guard.fileno(), warn_on_full_buffer=False)
     faulthandler.register(signal.SIGQUIT, file=2, chain=True)
+    if not (tells_crashes := faulthandler.is_enabled()):
+        faulthandler.enable(file=2)
     try:
         yield
     finally:
         _guard = None
         signal.set_wakeup_fd(before)
+        if not tells_crashes:
+            faulthandler.disable()
         faulthandler.unregister(signal.SIGQUIT)
         guard.close()
 

@@ -17,7 +17,7 @@ from tests.system.running import eventually, is_alive
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="guards need Linux")
 
 BEGIN = """
-import ctypes, os, subprocess, sys, time
+import ctypes, os, signal, subprocess, sys, time
 from socialbot.core.process import Ending
 from socialbot.core.process_guard import guard_child, guarded, report_alive
 
@@ -88,6 +88,21 @@ with guarded(end_s=0.5), Ending().on_signals():
     assert f"process {blocked.process.pid} did not end within 0.5 s after a signal and is killed" in blocked.errors
     assert "in keep_the_lock" in blocked.errors
     assert eventually(lambda: not is_alive(guard))
+
+
+def test_a_crash_of_native_code_writes_the_stacks(tmp_path: Path, started: list[Guarded]) -> None:
+    program = """
+def call_native_code():
+    os.kill(os.getpid(), signal.SIGSEGV)
+with guarded():
+    say("ready")
+    call_native_code()
+"""
+    crashed = start(program, tmp_path, started)
+    assert eventually(lambda: crashed.process.poll() is not None)
+    assert crashed.process.returncode == -signal.SIGSEGV
+    assert "Segmentation fault" in crashed.errors
+    assert "in call_native_code" in crashed.errors
 
 
 def test_a_process_that_ends_needs_no_guard(tmp_path: Path, started: list[Guarded]) -> None:
