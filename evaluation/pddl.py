@@ -36,9 +36,9 @@ from socialbot.planning.pddl import (
     validate_plan,
 )
 from socialbot.planning.pddl.state import PddlState
-from socialbot.planning.planners._child_process import run as run_child
 from socialbot.planning.planners.engines import Kairos, kairos_plans, make_planner
 from socialbot.planning.planners.planner import PlannerLimits
+from socialbot.planning.planners.planner import run as run_child
 
 MEMORY_MB = 2048
 VAL_TOLERANCE = 0.001

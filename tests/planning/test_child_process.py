@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.core.process import with_parent
-from socialbot.planning.planners._child_process import MAX_OUTPUT, run
+from socialbot.planning.planners.planner import MAX_OUTPUT, run
 from tests.planning import busy
 from tests.system.running import eventually, is_alive
 
@@ -124,7 +124,7 @@ def test_a_child_is_killed_with_its_parent(tmp_path):
     code = f"""if True:
         import threading
         from pathlib import Path
-        from socialbot.planning.planners._child_process import run
+        from socialbot.planning.planners.planner import run
         from socialbot.core.process import with_parent
         command = with_parent(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], limits=(1_000_000_000, 1000))
         run(command, Path({str(tmp_path)!r}), 1000, threading.Event())

@@ -18,17 +18,18 @@ from socialbot.core.limits import TEXT_BYTES
 from socialbot.core.process import python_command
 from socialbot.core.reading import read_bytes
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
-from socialbot.planning.planners._child_process import ChildExit, run
 from socialbot.planning.planners.planner import (
     CANCELLED,
     DOMAIN_FILE,
     PROBLEM_FILE,
+    ChildExit,
     ChildPlanner,
     Planner,
     PlannerAnswer,
     PlannerLimits,
     PlannerVerdict,
     SearchJob,
+    run,
 )
 
 UNHURRIED_S = 1_000_000
