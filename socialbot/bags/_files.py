@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.rosbag2 import reader as ros2_reader
 from rosbags.rosbag2 import storage_mcap
 
-from socialbot.bags import _mcap, _sqlite
+from socialbot.bags import _storage_checks
 from socialbot.bags.repair import salvage, with_profile_of_ros2
 from socialbot.bags.writer import qos_of
 from socialbot.core import reading
@@ -153,8 +153,7 @@ def install() -> None:
     ros1_reader.decompressors["bz2"] = _of_message(bz2.BZ2Decompressor)
     ros1_reader.decompressors["lz4"] = _of_message(LZ4FrameDecompressor)
     ros2_reader.zstd = _BoundedZstd  # type: ignore[attr-defined]
-    _mcap.install()
-    _sqlite.install()
+    _storage_checks.install()
 
 
 _ZSTD_FRAME = b"\x28\xb5\x2f\xfd"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import storage_mcap
 
-from socialbot.bags import _mcap
+from socialbot.bags import _storage_checks
 from socialbot.bags.reader import open_bag
 from socialbot.bags.repair import MAGIC
 from socialbot.core.errors import BagError
@@ -70,7 +70,7 @@ def test_only_chunks_of_one_moment_must_not_become_much_larger_than_the_file(
     tmp_path: Path, apart_ns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks of other moments are read one after the other, such as hours of a covered camera."""
-    monkeypatch.setattr(_mcap, "BAG_CHUNK_BYTES", 1_000_000)
+    monkeypatch.setattr(_storage_checks, "BAG_CHUNK_BYTES", 1_000_000)
     file = bomb(tmp_path / "bomb.mcap", size=1_000_000, chunks=20, apart_ns=apart_ns)
     if not apart_ns:
         with pytest.raises(BagError, match="its chunks of one moment become"):

@@ -1,6 +1,9 @@
-"""Checks of a SQLite file before rosbags reads it.
+"""Checks of MCAP and SQLite files before rosbags reads them.
 
-Such a file is a program as well: a view can have rows without end, a generated column can make gigabytes of each row,
+rosbags holds all chunks of one moment of an MCAP file at once. An index can name one chunk again and again, and each of
+many small chunks can become a gigabyte.
+
+A SQLite file is a program as well: a view can have rows without end, a generated column can make gigabytes of each row,
 and pages can be used many times. So rosbags reads only files whose tables hold no more than the file has.
 """
 
@@ -10,7 +13,36 @@ from pathlib import Path
 from urllib.parse import quote
 
 import apsw
+from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_RATIO
+
+
+def check_index(reader: McapReader) -> None:
+    """Raise ValueError if chunks of the index overlap in the file, or those of one moment become too large."""
+    assert reader.bio is not None
+    end = 0
+    for chunk in sorted(reader.chunks, key=lambda chunk: chunk.chunk_start_offset):
+        if chunk.chunk_start_offset < end or chunk.compressed_size > chunk.chunk_length:
+            raise ValueError("chunks of its index overlap")
+        end = chunk.chunk_start_offset + chunk.chunk_length
+    file_bytes = reader.bio.seek(0, 2)
+    together = _together(reader)
+    if together > BAG_RATIO * file_bytes + BAG_CHUNK_BYTES:
+        raise ValueError(f"its chunks of one moment become {together} bytes, but the file has {file_bytes}")
+
+
+def _together(reader: McapReader) -> int:
+    """Most bytes of chunks whose times share a moment. Images of one colour may become a thousand times larger."""
+    begins = [(chunk.message_start_time, 0, chunk.uncompressed_size) for chunk in reader.chunks]
+    ends = [(chunk.message_end_time, 1, -chunk.uncompressed_size) for chunk in reader.chunks]
+    most = held = 0
+    for _, _, change in sorted(begins + ends):
+        held += change
+        most = max(most, held)
+    return most
+
 
 _TABLES = ("schema", "topics", "message_definitions", "messages")
 _MAX_OBJECTS = 1000
@@ -21,7 +53,14 @@ _LEAST_STEPS, _STEPS_A_BYTE = 10_000_000, 20
 
 
 def install() -> None:
-    """Make the reader of rosbags open only checked files, and the file of this name also if it has a ``%`` or ``?``."""
+    """Make the readers of rosbags open only checked files, and SQLite files also if their name has a ``%`` or ``?``."""
+    read_index = McapReader.read_index
+
+    def checked_index(reader: McapReader) -> None:
+        read_index(reader)
+        check_index(reader)
+
+    McapReader.read_index = checked_index  # type: ignore[method-assign]
     open_unchecked = Sqlite3Reader.open
 
     def open_checked(reader: Sqlite3Reader) -> None:
