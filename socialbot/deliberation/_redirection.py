@@ -13,7 +13,7 @@ from socialbot.core.errors import PlanningError
 from socialbot.deliberation._action_executor import IsSensed
 from socialbot.deliberation._execution import PlanTask, merged
 from socialbot.deliberation.facts import FactBase
-from socialbot.planning.pddl.detours import successors
+from socialbot.planning.pddl.causal_order import successors
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep
 from socialbot.planning.pddl.formulas import Formula, Key, Predicate
 from socialbot.planning.pddl.semantics import TOLERANCE, Changes, evaluate, ground

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.planning.pddl.detours import without_detours
+from socialbot.planning.pddl.causal_order import without_detours
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.validation import validate_plan

@@ -21,8 +21,7 @@ from typing import Literal, Protocol
 
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import proc_stat, with_parent
-from socialbot.planning.pddl.causal_order import contributing
-from socialbot.planning.pddl.detours import without_detours
+from socialbot.planning.pddl.causal_order import contributing, without_detours
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
