@@ -26,12 +26,11 @@ from socialbot.runs.asking._activity import (
     said,
     steps,
 )
-from socialbot.runs.asking._beliefs import believed, placed
 from socialbot.runs.asking._causes import contrast, reasons
 from socialbot.runs.asking._clauses import is_question
 from socialbot.runs.asking._facts import Facts, near
 from socialbot.runs.asking._options import asking_back, offered
-from socialbot.runs.asking._people import seen, stay, visitors
+from socialbot.runs.asking._people import believed, placed, seen, stay, visitors
 from socialbot.runs.asking._question import NEAR_S, Question, with_time
 from socialbot.runs.asking._ranking import SURE, ranked
 from socialbot.runs.asking._readings import candidates

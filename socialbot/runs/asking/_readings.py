@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from socialbot.core.messages import TraceRecord
-from socialbot.runs.asking._beliefs import asked_beliefs
 from socialbot.runs.asking._clauses import (
     TELLS,
     Parts,
@@ -21,17 +20,23 @@ from socialbot.runs.asking._clauses import (
     without_report,
 )
 from socialbot.runs.asking._doer import PARTICLES
-from socialbot.runs.asking._events import ARTICLES, are_doers, bound_of, event_of, places_of_event, subordinate
 from socialbot.runs.asking._named_deeds import NamedDeed
 from socialbot.runs.asking._parts import (
+    ARTICLES,
     GREETINGS,
     INDEFINITE,
     Found,
+    are_doers,
+    bound_of,
+    event_of,
     known_words,
     names_in,
     parts_of,
+    places_of_event,
     prepared,
+    subordinate,
 )
+from socialbot.runs.asking._people import asked_beliefs
 from socialbot.runs.asking._question import Event, Kind, Question
 from socialbot.runs.asking._references import PersonReference, Reading
 from socialbot.runs.asking._sentences import kind_of_name

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES, lexicon
-from socialbot.runs.asking.languages.inflection import french, german, spanish
+from socialbot.runs.asking.languages.lexicon import french, german, spanish
 
 
 @pytest.mark.parametrize(
