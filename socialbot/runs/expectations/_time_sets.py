@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 ClosedInterval = tuple[int, int]
 
@@ -71,8 +72,8 @@ class TimeSet:
 
     def within(self, begin: int, end: int) -> Sequence[ClosedInterval]:
         """Return the intervals that have a moment from ``begin`` to ``end``, whole."""
-        first = bisect_left(self.intervals, begin, key=_end)
-        return self.intervals[first : bisect_right(self.intervals, end, key=_begin)]
+        first = bisect_left(self.intervals, begin, key=itemgetter(1))
+        return self.intervals[first : bisect_right(self.intervals, end, key=itemgetter(0))]
 
     def clipped(self, begin: int, end: int) -> TimeSet:
         """Return the moments from ``begin`` to ``end``."""
@@ -92,14 +93,6 @@ class TimeSet:
 
 EMPTY = TimeSet()
 _LATEST = 1 << 200
-
-
-def _begin(interval: ClosedInterval) -> int:
-    return interval[0]
-
-
-def _end(interval: ClosedInterval) -> int:
-    return interval[1]
 
 
 def until(left: TimeSet, right: TimeSet, least: int, most: int | None, last: int) -> TimeSet:
