@@ -248,7 +248,7 @@ class TalkingWaldo(WaldoNode):
         """
         language = reading.language
         texts = (text, *(one for one in message.alternatives if one != text))
-        if self._is_asked(person):
+        if self._answers(person) and self.conversation.believed(asked, person, "clarify"):
             options = list(self._answers(person))
             for each in texts:
                 if number := chosen_option(options, each):
@@ -267,10 +267,6 @@ class TalkingWaldo(WaldoNode):
             self.conversation.understood[person] = {one.question: one for one in found.options}
             return Reading(UNCLEAR, tuple(self._answers(person)), language), heard_text
         return reading, text
-
-    def _is_asked(self, person: str) -> bool:
-        """Whether it is open which reading of their question a person means."""
-        return bool(self._answers(person) and self.conversation.believed(asked, person, "clarify"))
 
     def _answers(self, person: str) -> Mapping[str, Answered]:
         """Return the answers to the readings of the last unclear question of a person."""

@@ -130,16 +130,13 @@ class WarehouseWorld(Node):
 
     def execute(self, robot: str, command: Callable[[Warehouse], str]) -> None:
         """Execute a command to a robot in its aisle at the present time, and log its refusal."""
-        world = self._aisle_of(robot)
+        world = next((one for name, one in self.worlds.items() if robot == name or robot in one.carriers), None)
         if world is None:
             self.log.warning("refused: the layout has no %s", robot)
             return
         world.advance(self.clock.now())
         if refusal := command(world):
             self.log.warning("refused: %s", refusal)
-
-    def _aisle_of(self, robot: str) -> Warehouse | None:
-        return next((one for name, one in self.worlds.items() if robot == name or robot in one.carriers), None)
 
     def _report(self) -> None:
         now = self.clock.now()
