@@ -213,7 +213,7 @@ def check_action(action: Action, known: set[str]) -> None:
     _check_made(action)
     for term in action.args:
         _check_no_condition(term, action)
-        if inspect.isfunction(term) and (names := _parameters(term)) and names <= known:
+        if inspect.isfunction(term) and (names := set(inspect.signature(term).parameters)) and names <= known:
             raise RuleError(
                 f"a function of {', '.join(sorted(names))} is an argument of {action.functor}",
                 remedy="write compute(function) to pass its result",
@@ -304,10 +304,6 @@ def _arity(method: Callable[..., Any]) -> tuple[int, float, str]:
     least = sum(p.default is p.empty for p in positional)
     most = float("inf") if any(p.kind is p.VAR_POSITIONAL for p in parameters) else len(positional)
     return least, most, ", ".join(str(p.replace(annotation=p.empty)) for p in parameters)
-
-
-def _parameters(function: Callable[..., Any]) -> set[str]:
-    return set(inspect.signature(function).parameters)
 
 
 def _hidden(value: object) -> set[str]:
