@@ -268,7 +268,7 @@ class Motion:
                 last = towards
             course[step] = last
             gaze[step] = last if towards is None else towards
-        self.heading = _turned(course)
+        self.heading = _smoothed(np.unwrap(course), _TURN_S)
         gaze = self.heading + np.clip(np.remainder(gaze - self.heading + math.pi, math.tau) - math.pi, -1.4, 1.4)
         self.gaze = _smoothed(gaze, 0.15)
 
@@ -320,11 +320,6 @@ def _smoothed(values: np.ndarray, seconds: float) -> np.ndarray:
     for _ in range(2):
         values = np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
     return values
-
-
-def _turned(course: np.ndarray) -> np.ndarray:
-    """Directions (rad) without jumps, smoothed."""
-    return _smoothed(np.unwrap(course), _TURN_S)
 
 
 class Crowd:
