@@ -34,6 +34,11 @@ def forget(
         console.print(f"removed: {', '.join(made.files)}", markup=False)
     for name in made.left:
         console.print(f"[yellow]not changed[/]: {escape(name)} may still show them")
+    if made.unnamed:
+        sentences = options.many(made.unnamed, "heard sentence")
+        console.print(
+            f"[yellow]not changed[/]: {sentences} of unknown speakers may be theirs: see kind `hearing` in trace.jsonl"
+        )
     bag = open_run(run).results.get("bag", {}).get("path")
     if bag:
         console.print(

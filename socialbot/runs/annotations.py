@@ -65,7 +65,7 @@ def _cell(text: str) -> str:
 
 
 def write_elan(run: RecordedRun, path: Path) -> int:
-    """Write tiers of annotations: visitors, speech, and the beliefs, goals and actions of each agent.
+    """Write tiers of annotations: visitors, heard and own speech, and the beliefs, goals and actions of each agent.
 
     The tiers of visitors have the whole visit; a belief lasts until it is removed, speech until it has ended.
     Those that overlap others of their tier are in further tiers.
@@ -127,9 +127,13 @@ def _tiers(run: RecordedRun) -> dict[str, list[Annotation]]:
 
 
 def _spoken(run: RecordedRun) -> Iterator[tuple[str, Annotation]]:
-    """Yield the utterances, each until its speech has ended."""
+    """Yield heard sentences by their speaker, and utterances, each until its speech has ended."""
     for record in run.history:
-        if record.kind == "utterance":
+        if record.kind == "hearing":
+            speaker = f"heard from {who}" if (who := record.detail.get("person")) else "heard"
+            begin_s = run.history.seconds(int(record.detail.get("start", record.stamp)))
+            yield speaker, (max(begin_s, 0.0), run.history.seconds(record.stamp), record.what)
+        elif record.kind == "utterance":
             states = [each for each in run.history.effects(record) if each.kind == "speech"]
             begin = min((each.stamp for each in states if each.what == "started"), default=record.stamp)
             end = max((each.stamp for each in states), default=0)

@@ -8,7 +8,9 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import cv2
 import numpy as np
@@ -178,6 +180,7 @@ def boxes_of(detections: Iterable[tuple[int, Sequence[tuple[float, float, float,
 SPOKEN_FOR_NS = 3 * SECOND
 
 DEFAULT_RATE_HZ = 10.0
+MOST_HZ = 60.0
 
 
 def write_video(
@@ -190,9 +193,10 @@ def write_video(
     *,
     blur: bool = False,
 ) -> Path:
-    """Write all images of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
+    """Write the images of ``image_topic`` with detections, beliefs and speech as .mp4, with the times of the run.
 
-    ``blur`` blurs people.
+    Each image is shown until the next one, and black before the first. Damaged images are skipped, and those that come
+    faster than the video has images. ``blur`` blurs people.
 
     Raises:
         BagError: There is no image, or the video cannot be written.
@@ -203,7 +207,8 @@ def write_video(
     boxes = ((each.stamp, [(one.x, one.y, one.w, one.h) for one in each.persons]) for each in record.detections)
     blurrer = BlurredPictures(None, boxes_of(boxes)) if blur else None
     writer: cv2.VideoWriter | None = None
-    written, size, rate = 0, (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
+    rate = _video_rate_hz(bag.rate_hz(bag.topic(image_topic)) or 0.0, sorted(detections))
+    written, shown = 0, np.zeros((0, 0, 3), np.uint8)
     for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
         advance(number)
         assert isinstance(message, (Image, CompressedImage))
@@ -215,9 +220,14 @@ def write_video(
         pixels = pixels if blurrer is None else blurrer.blur(pixels, stamp)
         frame = draw(pixels, detections.get(stamp), people.get(stamp, ()), captions.at(stamp))
         if writer is None:
-            writer, size = _open_writer(path, frame, rate), frame.shape[1::-1]
-        writer.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
-        written += 1
+            writer, shown = _open_writer(path, frame, rate), np.zeros_like(frame)
+        due = round((stamp - bag.start) / SECOND * rate)
+        for _ in range(written, due):
+            writer.write(shown)
+        shown = frame if frame.shape == shown.shape else cv2.resize(frame, shown.shape[1::-1])
+        if written <= due:
+            writer.write(shown)
+        written = max(written, due + 1)
     if writer is None:
         raise BagError("the bag has no image for a video", where=str(bag.path))
     writer.release()
@@ -225,6 +235,12 @@ def write_video(
         path.unlink(missing_ok=True)
         raise BagError("the video cannot be written", where=str(path), remedy=f"{CHECK_DISK}, or give --no-video")
     return path
+
+
+def _video_rate_hz(mean_hz: float, seen: Sequence[int]) -> float:
+    """Rate that shows each image of a camera that pauses or begins late, from stamps (ns) of detections."""
+    usual_hz = SECOND / median(second - first for first, second in pairwise(seen)) if len(seen) > 1 else 0.0
+    return min(max(mean_hz, usual_hz), MOST_HZ) or DEFAULT_RATE_HZ
 
 
 def _image_count(path: Path) -> int:

@@ -40,12 +40,14 @@ class Forgotten:
         records: Number of removed records of agents.
         files: Removed files.
         left: Files that may still show the person, such as the bag of the run, which is not changed.
+        unnamed: Number of heard sentences that are kept and whose speaker is not known.
     """
 
     frames: int = 0
     records: int = 0
     files: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
+    unnamed: int = 0
 
 
 def forget_person(folder: Path, person: str) -> Forgotten:
@@ -151,6 +153,7 @@ class _Forgetting:
             self._removed.add(record.id)
             return None
         self._kept.add(record.id)
+        self._made.unnamed += record.kind == "hearing" and not record.detail.get("person")
         return record
 
     def _frame_without(self, record: TraceRecord) -> TraceRecord:
@@ -224,8 +227,16 @@ class _Forgetting:
             return
         if path.suffix in _TEXTS and self._names(data):
             replace_file(path, b"\n".join(line for line in data.split(b"\n") if not self._names(line)))
-        elif self._names(data):
+        elif self._names(data) or not _is_text(data):
             self._made.left.append(name)
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether a search for names finds them; in films, sounds and archives it does not."""
+    try:
+        return "\0" not in data.decode()
+    except UnicodeDecodeError:
+        return False
 
 
 def _replace(path: Path, lines: Sequence[bytes]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import resource
 import shutil
@@ -18,10 +19,11 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError, SocialbotError
-from socialbot.core.messages import TraceRecord
+from socialbot.core.messages import HeardSpeech, TraceRecord
 from socialbot.runs.annotations import COLUMNS, write_csv, write_elan
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.pages import write_file
+from socialbot.runs.record import RunTrace
 from tests.runs.runs import greeting
 from tests.system.running import socialbot_here
 
@@ -111,11 +113,29 @@ def test_elan_gets_visitors_speech_beliefs_goals_and_actions(folder: Path, tmp_p
     assert "GreetPeople()" in [text for _, _, text in found["bdi_engine: goals"]]
 
 
+def test_elan_gets_what_people_said(tmp_path: Path):
+    """From the begin of each sentence, with a tier per person; of others the speaker is not known."""
+    with RunTrace(tmp_path / "run") as trace:
+        for start, end, text, person in ((1, 3, "Where is the lift?", "p1"), (2, 4, "I think upstairs.", "")):
+            heard = HeardSpeech(stamp=end * SECOND, start=start * SECOND, text=text, person=person)
+            trace.observe("/humans/voices/speech", heard)
+    write_elan(run_of_start(tmp_path / "run", 0), tmp_path / "run.eaf")
+    assert tiers(tmp_path / "run.eaf") == {
+        "heard from p1": [(1000, 3000, "Where is the lift?")],
+        "heard": [(2000, 4000, "I think upstairs.")],
+    }
+
+
 def test_annotations_of_a_tier_do_not_overlap(folder: Path, tmp_path: Path):
     write_elan(open_run(folder), tmp_path / "run.eaf")
     for tier in tiers(tmp_path / "run.eaf").values():
         assert all(begin < end for begin, end, _ in tier)
         assert all(first[1] <= second[0] for first, second in pairwise(tier))
+
+
+def run_of_start(folder: Path, start: int) -> RecordedRun:
+    (folder / "results.json").write_text(json.dumps({"bag": {"path": "none", "start": start}}))
+    return open_run(folder)
 
 
 def run_of(folder: Path, *records: tuple[float, str, str]) -> RecordedRun:

@@ -127,6 +127,31 @@ def test_another_run_in_the_folder_is_named_as_left(run):
     assert forget_person(run, "t1").left == ["unchanged/trace.jsonl"]
 
 
+@pytest.mark.parametrize("name", ["face.webp", "lab.avi", "voice.ogg", "table.parquet", "bag/bag_0.db3", "notes.zip"])
+def test_a_file_that_cannot_be_searched_is_named_as_left(run, name):
+    """Nobody can say what a film or an archive holds."""
+    (run / name).parent.mkdir(exist_ok=True)
+    (run / name).write_bytes(b"RIFF\x00\xff\xfe of somebody")
+    assert forget_person(run, "t1").left == [name]
+
+
+def heard(at_s: float, text: str, person: str = "") -> TraceRecord:
+    record = acted(at_s, "hearing", f"heard-{at_s}", text, source="/humans/voices/speech")
+    return msgspec.structs.replace(record, detail={"start": record.stamp, "person": person} if person else {})
+
+
+def test_sentences_whose_speaker_is_not_known_are_named_as_left(run):
+    """In the frame at 2 s are two people, and one of them says a name."""
+    said = [heard(2.1, "My name is Ann"), heard(2.2, "Not me", "t10"), heard(2.3, "Me", "t1"), heard(20.0, "Hello?")]
+    with (run / "trace.jsonl").open("wb") as file:
+        file.writelines(msgspec.json.encode(each) + b"\n" for each in (*RECORDS, *said))
+    done = socialbot_here("forget", run, "--person", "t1")
+    assert "2 heard sentences of unknown speakers" in done.stdout
+    assert [each.what for each in open_run(run).history if each.kind == "hearing"] == [
+        "My name is Ann", "Not me", "Hello?",
+    ]  # fmt: skip
+
+
 def test_files_outside_of_the_folder_stay_as_they_are(run, tmp_path):
     """A run from somebody else may hold links."""
     outside = tmp_path / "notes.log"

@@ -5,13 +5,14 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
-from socialbot.core.messages import Image
+from socialbot.core.messages import CameraInfo, Image, PersonDetections
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.runs.bag_images import write_video
 from socialbot.runs.record import RunRecord
@@ -132,3 +133,36 @@ def test_a_video_that_cannot_be_written_is_an_error(tmp_path):
             write_video(bag, IMAGES, record, None, tmp_path / "video.mp4")
         assert not (tmp_path / "video.mp4").exists()
         assert write_video(bag, IMAGES, record, None, tmp_path / "video.mp4").stat().st_size > 4000
+
+
+def test_the_video_has_the_times_of_the_run(tmp_path):
+    """Cameras pause, change their rate and begin late; people who label the video write down its times."""
+    taken_s = [*np.arange(1.0, 2.0, 0.1), *np.arange(4.0, 5.0, 0.1), *np.arange(5.0, 7.0, 0.2)]
+    with BagWriter(tmp_path / "bag") as out:
+        out.write(
+            "/camera/camera_info", CameraInfo(stamp=SECOND, frame_id="eye", width=64, height=64, k=(9.0,) * 9), SECOND
+        )
+        for number, at_s in enumerate(taken_s):
+            stamp = SECOND + round(float(at_s) * SECOND)
+            grey = np.full((64, 64, 3), 20 + 8 * number, np.uint8)
+            out.write(IMAGES, Image.from_bgr(grey, stamp=stamp, frame_id="eye"), stamp)
+        out.write(
+            "/tail", CameraInfo(stamp=30 * SECOND, frame_id="eye", width=64, height=64, k=(9.0,) * 9), 30 * SECOND
+        )
+    with RunRecord(tmp_path / "run") as record, open_bag(tmp_path / "bag") as bag:
+        for at_s in taken_s:
+            stamp = SECOND + round(float(at_s) * SECOND)
+            record.observe(IMAGES, PersonDetections(stamp=stamp, frame_id="eye", persons=(), width=64, height=64))
+        video = cv2.VideoCapture(str(write_video(bag, IMAGES, record, None, tmp_path / "video.mp4")))
+    shown = []
+    while True:
+        at_s = video.get(cv2.CAP_PROP_POS_FRAMES) / video.get(cv2.CAP_PROP_FPS)
+        found, pixels = video.read()
+        if not found:
+            break
+        shown.append((at_s, int(pixels[:, -1].max())))
+    assert {round((grey - 20) / 8) for at_s, grey in shown if at_s > 0.9} == set(range(len(taken_s))), "all are shown"
+    for at_s, grey in shown:
+        before, until = (sum(each < at_s + margin for each in taken_s) for margin in (-0.11, 0.11))
+        assert before <= round((grey - 20) / 8) + 1 <= until if grey > 16 else before == 0, (at_s, grey)
+    assert shown[-1][0] == pytest.approx(taken_s[-1], abs=0.21)
