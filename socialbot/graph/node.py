@@ -465,6 +465,7 @@ class Graph:
 
     def _check_exclusive_topics(self) -> None:
         alone: dict[str, str] = {}
+        prefixes: dict[object, str] = {}
         for config in self.nodes:
             for topic, port in config.publications:
                 if not port.exclusive:
@@ -474,6 +475,15 @@ class Graph:
                         f"{other} and {config.name} both publish {topic}, so their messages cannot be told apart",
                         where=self.name,
                         remedy=f"give each its own topic: remap: {{{port.name}: /{config.name}/{port.name}}}",
+                    )
+                if (declared := config.type.parameters().get("id_prefix")) is None:
+                    continue
+                prefix = config.parameters.get("id_prefix", declared.default)
+                if (other := prefixes.setdefault(prefix, config.name)) != config.name:
+                    raise GraphError(
+                        f"{other} and {config.name} give people the same ids",
+                        where=self.name,
+                        remedy=f"set {config.name}.id_prefix: {config.name}_",
                     )
 
     def check_alternatives(self, topic: str) -> None:

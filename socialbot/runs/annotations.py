@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
+
 from socialbot.core.errors import RunError
 from socialbot.core.paths import replace_file, writing
 from socialbot.core.terminal import without_controls
@@ -22,7 +24,7 @@ from socialbot.runs.visits import visits_of
 
 MOMENT_S = 0.5
 """Duration of an annotation for an event without a duration."""
-COLUMNS = ("time_s", "stamp_ns", "frame", "source", "kind", "what", "id", "cause")
+COLUMNS = ("time_s", "stamp_ns", "frame", "source", "kind", "what", "id", "cause", "detail")
 
 ENDS = {"unbelief": "belief", "achieved": "goal", "failed": "goal", "dropped": "goal"}
 """Kinds of records that end a belief or a goal."""
@@ -32,7 +34,7 @@ Annotation = tuple[float, float | None, str]
 
 
 def write_csv(run: RecordedRun, path: Path) -> int:
-    """Write a row per record of a run: time, number of the frame, source, kind, text, id and cause.
+    """Write a row per record of a run: time, number of the frame, source, kind, text, id, cause and detail as JSON.
 
     Labels of the run are further columns, the same in every row. A text that a spreadsheet would calculate begins with
     an apostrophe.
@@ -53,7 +55,8 @@ def write_csv(run: RecordedRun, path: Path) -> int:
         frame += record.kind == "detection"
         seconds = f"{run.history.seconds(record.stamp):.3f}"
         fields = map(_cell, (record.source, record.kind, record.what, record.id, record.cause))
-        writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
+        detail = msgspec.json.encode(record.detail).decode() if record.detail else ""
+        writer.writerow([seconds, record.stamp, frame, *fields, detail, *labels.values()])
     with writing(path, RunError, remedy="give another file"):
         replace_file(path, text.getvalue().encode())
     return rows

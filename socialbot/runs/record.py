@@ -343,7 +343,16 @@ def _unusable(what: str, folder: Path, remedy: str) -> SocialbotError:
     return error
 
 
-RECORDED_PACKAGES = ("numpy", "opencv-python-headless", "rosbags", "msgspec", "kairos-planner", "ros-jazzy-rclpy")
+RECORDED_PACKAGES = (
+    "numpy",
+    "opencv-python-headless",
+    "rosbags",
+    "msgspec",
+    "kairos-planner",
+    "ros-jazzy-rclpy",
+    "faster-whisper",
+    "onnxruntime",
+)
 
 
 def versions() -> dict[str, str]:

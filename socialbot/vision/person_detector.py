@@ -144,6 +144,9 @@ class PersonDetector(Node):
         minimum=0.0,
         maximum=600.0,
     )
+    id_prefix = Parameter(
+        "", "begin of the ids of people, such as rear_; each camera of a graph has its own", fixed=True
+    )
     hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
     faces = Parameter(True, "search the faces of near people; needs a tracker, not with hog", fixed=True)
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
@@ -290,6 +293,11 @@ class PersonDetector(Node):
         bgr = image.bgr()
         time = self._time.at(image.stamp, self.clock.now())
         persons = self._pipeline.find(bgr, time, camera, depth)
+        if self.id_prefix:
+            persons = tuple(
+                msgspec.structs.replace(each, track_id=each.track_id and self.id_prefix + each.track_id)
+                for each in persons
+            )
         pose = self.camera_pose
         source = "unknown" if pose.source == "assumed" else pose.source
         self._without_people = -1 if persons or self._without_people < 0 else self._without_people + 1

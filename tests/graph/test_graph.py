@@ -10,6 +10,7 @@ from socialbot.core.messages import HeadCommand, SpeechStatus, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
+from socialbot.vision.person_detector import PersonDetector
 
 
 class Source(Node):
@@ -262,6 +263,17 @@ def test_a_graph_that_does_not_fit_together_is_refused(configs, more, words):
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert (caught.value.where or "").startswith("test")
     assert caught.value.remedy
+
+
+def test_two_cameras_that_give_people_the_same_ids_are_refused():
+    """Records, agents and questions know people by their ids alone."""
+    rear = {name: f"/rear/{name}" for name in ("image", "camera_info", "detections", "annotations")}
+    inputs = frozenset({"/camera/image_color", "/camera/camera_info", "/rear/image", "/rear/camera_info"})
+    front = NodeConfig("front", PersonDetector)
+    with pytest.raises(GraphError, match="front and rear give people the same ids") as caught:
+        graph(front, NodeConfig("rear", PersonDetector, {}, rear), inputs=inputs)
+    assert caught.value.remedy == "set rear.id_prefix: rear_"
+    graph(front, NodeConfig("rear", PersonDetector, {"id_prefix": "rear_"}, rear), inputs=inputs)
 
 
 def test_a_topic_without_a_slash_is_that_of_ros():

@@ -83,6 +83,9 @@ def test_a_table_has_a_row_per_record(folder: Path, tmp_path: Path):
         head, *rows = csv.reader(file)
     assert head == list(COLUMNS)
     assert [(row[6], int(row[1])) for row in rows] == [(record.id, record.stamp) for record in run.history]
+    details = [json.loads(row[8]) if row[8] else {} for row in rows]
+    assert details == [record.detail for record in run.history]
+    assert {one["distance_m"] for each in details for one in each.get("persons", ())} == {4.0}
     (said,) = [row for row in rows if row[4] == "utterance"]
     assert (said[0], said[2], said[5]) == ("0.700", "8", "Hello! Nice to see you.")
 
@@ -205,7 +208,7 @@ def test_labels_of_a_run_are_columns_and_properties(tmp_path: Path):
     run = open_run(tmp_path / "run")
     assert run.results["labels"] == {"participant": "P01", "condition": "no greeting"}
     write_csv(run, tmp_path / "run.csv")
-    assert (tmp_path / "run.csv").read_text("utf-8").splitlines()[0].endswith("cause,participant,condition")
+    assert (tmp_path / "run.csv").read_text("utf-8").splitlines()[0].endswith("cause,detail,participant,condition")
     write_elan(run, tmp_path / "run.eaf")
     properties = ElementTree.parse(tmp_path / "run.eaf").getroot().iter("PROPERTY")
     assert {each.attrib["NAME"]: each.text for each in properties} == run.results["labels"]

@@ -283,8 +283,12 @@ def test_people_keep_their_ids_across_gaps(stub, monkeypatch):
     assert rig.show(BLANK, 6 * SECOND // 10).persons == ()
 
 
+def test_ids_begin_with_the_prefix_of_the_camera(stub):
+    assert {p.track_id for p in Rig(id_prefix="rear_").show(BLANK).persons} == {"rear_t1", "rear_t2"}
+
+
 def test_no_ids_without_a_tracker(stub):
-    rig = Rig(tracker="none")
+    rig = Rig(tracker="none", id_prefix="rear_")
     rig.node.set_parameter("bridge_s", 1.0)
     assert {p.track_id for p in rig.show(BLANK).persons} == {""}
 
