@@ -244,21 +244,28 @@ def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
 
 
 def _refuse_writers(path: Path, what: str) -> None:
-    """Raise SecurityError if a group or others can change a file or folder, or put another one in its place."""
+    """Raise SecurityError if others can change a file or folder, or put another one in its place.
+
+    A part of its path, or of a link on the way, may belong to another user, or a group or others may change it.
+    """
     try:
         real = Path(os.path.realpath(path, strict=True))
-        for place in (real, *_folders(path)):
-            found = place.stat()
-            if found.st_mode & stat.S_ISVTX and place != real:  # as in /tmp: only its owner can replace a file
+        own = _owners(path)
+        for part in (*_parts(path), real):
+            found = part.lstat()
+            if found.st_uid not in own:
+                raise SecurityError(what, where=str(part), remedy=f"chown {os.getuid()} {part}")
+            # Only its owner can change a link, or replace a file in a sticky folder such as /tmp.
+            if stat.S_ISLNK(found.st_mode) or (found.st_mode & stat.S_ISVTX and part != real):
                 continue
             if found.st_mode & 0o002 or (found.st_mode & 0o020 and not _is_private(found.st_gid, found.st_uid)):
-                raise SecurityError(what, where=str(place), remedy=f"chmod go-w {place}")
+                raise SecurityError(what, where=str(part), remedy=f"chmod go-w {part}")
     except OSError as error:
         raise _unreadable(path, error) from error
 
 
-def _folders(path: Path) -> Iterator[Path]:
-    """Yield the folders in which a part of ``path`` is looked up, also the parts of links on the way."""
+def _parts(path: Path) -> Iterator[Path]:
+    """Yield the folders and links in which a part of ``path`` is looked up, also the parts of links on the way."""
     place, left = Path("/"), [*reversed(path.absolute().parts)]
     while left:
         name = left.pop()
@@ -267,9 +274,16 @@ def _folders(path: Path) -> Iterator[Path]:
             continue
         yield place
         if os.path.islink(place / name):
+            yield place / name
             left += reversed(Path(os.readlink(place / name)).parts)
         else:
             place /= name
+
+
+def _owners(path: Path) -> set[int]:
+    """Users who may change keys: root and this one. Root trusts the owner of a folder by using its keys."""
+    folder = path if path.is_dir() else path.parent
+    return {0, os.getuid(), *([] if os.getuid() else [folder.stat().st_uid])}
 
 
 def _is_private(group: int, owner: int) -> bool:

@@ -230,6 +230,30 @@ def test_keys_behind_a_link_that_others_can_replace_are_refused(path: str, tmp_p
     assert load_keys(tmp_path / path, "robot").name == "robot"
 
 
+@pytest.mark.parametrize("user", [0, 1000])
+@pytest.mark.parametrize("place", ["keys/desk.pub", "keys", ".", "elsewhere", "link"])
+def test_keys_that_belong_to_another_user_are_refused(
+    place: str, user: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their owner can replace them, whatever their mode is. Root may use the keys of a user."""
+    new_key("robot", tmp_path / "keys")
+    new_key("desk", tmp_path / "elsewhere")
+    (tmp_path / "keys" / "desk.pub").symlink_to(tmp_path / "elsewhere" / "desk.pub")
+    (tmp_path / "link").symlink_to("keys")
+    tmp_path.chmod(0o1777)
+    monkeypatch.setattr(os, "getuid", lambda: user)
+    assert set(load_keys(tmp_path / "link", "robot").trusted) == {"robot", "desk"}
+    try:
+        os.chown(tmp_path / place, 1001, -1, follow_symlinks=False)
+    except PermissionError:
+        pytest.skip("only root can give a file to another user")
+    if (place, user) == ("keys", 0):
+        assert set(load_keys(tmp_path / "link", "robot").trusted) == {"robot", "desk"}
+    else:
+        with pytest.raises(SecurityError, match=rf"other users can .*\n *remedy: chown {user} "):
+            load_keys(tmp_path / "link", "robot")
+
+
 @pytest.mark.usefixtures("groups")
 def test_keys_below_a_sticky_folder_are_trusted(tmp_path: Path) -> None:
     """Such as /tmp."""
