@@ -20,6 +20,7 @@ from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
 from socialbot.core.decoding import json_decoder
 from socialbot.core.errors import MessageError
+from socialbot.core.limits import TEXT_BYTES
 from socialbot.core.messages import NO_JSON
 
 MAX_STREAMS = 256  # number of streams above which expired ones are removed
@@ -105,6 +106,7 @@ LONGEST_SHOWN = 40
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Name = Annotated[str, msgspec.Meta(max_length=256)]
+Payload = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]  # a longer one is refused before it is verified
 
 
 class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA, forbid_unknown_fields=True):
@@ -115,7 +117,7 @@ class Sealed(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema", tag=
     number: Count
     time: Count
     topic: Name
-    payload: str
+    payload: Payload
     signature: bytes
 
     def signed(self, realm: str) -> bytes:

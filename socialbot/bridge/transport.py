@@ -454,9 +454,18 @@ def _deserializer(kind: type[Message], ros_class: Any) -> Callable[[bytes], Any]
     """Return what reads serialised messages. That of rosbags copies no pixels, but needs 0.1 s to load its types."""
     if issubclass(kind, BULK_TYPES):
         return functools.partial(RosbagsTypes().deserialize, type_name=ros_type(kind))
+    return functools.partial(deserialized, ros_class=ros_class)
+
+
+def deserialized(cdr: bytes, ros_class: Any) -> Any:
+    """Read a serialised message of ``ros_class``. Raises MessageError for damaged bytes."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation
     from rclpy.serialization import deserialize_message
 
-    return functools.partial(deserialize_message, message_type=ros_class)
+    try:
+        return deserialize_message(cdr, ros_class)
+    except rclpy_implementation.RMWError as error:
+        raise MessageError(f"{len(cdr)} bytes are no {ros_class.__name__}: {error}") from error
 
 
 def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Transport:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,7 +43,7 @@ def test_statuses_arrive_with_and_without_keys(tmp_path: Path, monkeypatch: pyte
         friend: list[Any] = []
         receiver, sender = DiagnosticsSubscriber(subscriber, keep(friend)), DiagnosticsPublisher(publisher)
         assert eventually(lambda: sender.publish([status("camera"), status("head", pid="7")]) or bool(friend))
-        assert eventually(lambda: len(curious) >= 2)
+        assert eventually(lambda: len(curious) >= 2 and len(friend) >= 2)
         assert friend[:2] == [
             ("camera", {"machine": "robot", "state": "active"}),
             ("head", {"machine": "robot", "state": "active", "pid": "7"}),
@@ -103,6 +104,47 @@ def test_refuses_forged_altered_and_replayed_statuses(tmp_path: Path, monkeypatc
         battery.values = battery.values[:0]
         say(battery)
         assert (receiver.refused, len(told)) == (3, 1)
+
+
+@pytest.mark.parametrize("with_keys", [True, False])
+def test_a_huge_message_of_a_stranger_costs_little_time(
+    with_keys: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Reading 16 MB of empty statuses takes seconds, and holds Python's lock meanwhile."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.serialization import serialize_message
+
+    from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsPublisher, DiagnosticsSubscriber
+
+    if with_keys:
+        new_key("robot", tmp_path / "keys")
+        monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    empty = bytes(4) + 3 * b"\1\0\0\0\0\0\0\0" + bytes(4)
+    count = 2**24 // len(empty)
+    huge = serialize_message(DiagnosticArray())[:-4] + count.to_bytes(4, "little") + count * empty
+    with spinning_nodes("publisher", "subscriber") as (publisher, subscriber):
+        told: list[tuple[str, dict[str, str]]] = []
+        receiver, sender = DiagnosticsSubscriber(subscriber, keep(told)), DiagnosticsPublisher(publisher)
+        stranger = publisher.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, 10)
+        assert eventually(lambda: sender.publish([status()]) or bool(told))
+        assert eventually(lambda: stranger.get_subscription_count() > 0)
+        begun_s = time.process_time()
+        stranger.publish(huge)
+        assert eventually(lambda: receiver.refused == 1)
+        assert time.process_time() - begun_s < 1.0
+        told.clear()
+        assert eventually(lambda: sender.publish([status()]) or bool(told))
+
+
+def test_a_damaged_message_is_refused():
+    from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsSubscriber
+
+    with spinning_nodes("publisher", "subscriber") as (publisher, subscriber):
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        receiver = DiagnosticsSubscriber(subscriber, print)
+        stranger = publisher.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, 10)
+        assert eventually(lambda: stranger.publish(b"\0\1\0\0damaged") or receiver.refused)
 
 
 def test_unsealed_statuses_cannot_block_a_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

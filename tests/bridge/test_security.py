@@ -34,6 +34,7 @@ from socialbot.bridge.security import (
 )
 from socialbot.cli.key import key
 from socialbot.core.clock import SECOND
+from socialbot.core.limits import TEXT_BYTES
 
 
 @pytest.fixture
@@ -516,6 +517,14 @@ def test_plain_text_is_unsealed(text):
 )
 def test_an_invalid_seal_is_unreadable(rest):
     assert reason(f'{{"schema":"{SCHEMA}"{rest}') == "unreadable"
+
+
+def test_a_text_that_is_too_long_is_not_verified():
+    """A stranger can send gigabytes, of which no message may consist."""
+    rest = '"number":1,"time":1,"topic":"/say","signature":""}'
+    text = f'{{"schema":"{SCHEMA}","sender":"robot","stream":"a","payload":"%s",{rest}'
+    assert read(text % (TEXT_BYTES * "a")).sender == "robot"
+    assert reason(text % ((TEXT_BYTES + 1) * "a")) == "unreadable"
 
 
 def test_a_signature_of_wrong_length_is_forged():
