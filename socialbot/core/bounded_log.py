@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
+from socialbot.core.paths import create_like
 from socialbot.core.reading import open_file
 
 PARTS = 4
@@ -220,7 +221,9 @@ class Rotation:
                 newer.replace(older)
         with contextlib.suppress(OSError):  # on a full disk the old lines are lost
             if parts:
-                shutil.copyfile(log, parts[0])
+                parts[0].unlink(missing_ok=True)
+                with open_file(log) as lines, create_like(log, parts[0]) as part:
+                    shutil.copyfileobj(lines, part)
         os.truncate(log, 0)
         return True
 

@@ -9,9 +9,11 @@ import io
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from socialbot.core.errors import ParameterError, RunError, SocialbotError
 from socialbot.core.limits import TEXT_BYTES
@@ -88,6 +90,12 @@ def writing(file: Path, error: type[SocialbotError] = ParameterError, *, remedy:
         raise error(what, where=str(file), remedy=remedy) from problem
 
 
+def create_like(file: Path, copy: Path) -> BinaryIO:
+    """Create ``copy``, which nobody can open who cannot open ``file``, if that exists. Raises OSError."""
+    mode = stat.S_IMODE(file.stat().st_mode) if file.exists() else 0o666
+    return open(copy, "xb", opener=lambda name, flags: os.open(name, flags, mode))
+
+
 def replace_file(file: Path, data: bytes) -> None:
     """Write a file in one step: readers find the old content or the new one, also if this fails or the process ends.
 
@@ -100,7 +108,7 @@ def replace_file(file: Path, data: bytes) -> None:
     file = file.resolve()
     draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
     try:
-        with draft.open("xb") as opened:
+        with create_like(file, draft) as opened:
             opened.write(data)
         if file.exists():
             shutil.copymode(file, draft)

@@ -181,6 +181,18 @@ def test_a_long_log_is_rotated_while_its_writer_continues(tmp_path: Path) -> Non
     }
 
 
+def test_the_parts_of_a_private_log_are_private(tmp_path: Path) -> None:
+    log = tmp_path / "head.log"
+    for _ in range(3):
+        log.write_text("a line\n")
+        log.chmod(0o600)
+        Rotation(longest=1, kept=1).rotate(log)
+    assert {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {
+        "head.log": 0o600,
+        "head.log.1": 0o600,
+    }
+
+
 def test_a_log_that_is_not_there_is_none_to_rotate(tmp_path: Path) -> None:
     assert not Rotation().rotate(tmp_path / "head.log")
 

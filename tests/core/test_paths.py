@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pwd
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,23 @@ def test_a_file_is_replaced_with_its_permissions_and_through_a_link(tmp_path):
     assert (file.read_bytes(), file.stat().st_mode & 0o777) == (b"new", 0o640)
     assert link.is_symlink()
     assert sorted(tmp_path.iterdir()) == [file, link]
+
+
+def test_the_draft_of_a_private_file_is_private(tmp_path, monkeypatch):
+    """Another user who opens it could read the new content, also later."""
+    file, modes = tmp_path / "file", []
+    file.write_bytes(b"old")
+    file.chmod(0o600)
+    copy = shutil.copymode
+
+    def note(source, draft):
+        modes.append(draft.stat().st_mode & 0o777)
+        copy(source, draft)
+
+    monkeypatch.setattr(shutil, "copymode", note)
+    replace_file(file, b"new")
+    assert modes == [0o600]
+    assert file.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_file_that_cannot_be_replaced_leaves_nothing_else_behind(tmp_path):
