@@ -28,7 +28,10 @@ def foxglove(
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
     host: Annotated[str, typer.Option(help="Address to listen at; all but loopback need a token.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any free port.")] = PORT,
-    token: Annotated[str | None, typer.Option(help="Token that viewers give; default: SOCIALBOT_TOKEN.")] = None,
+    token: Annotated[
+        str | None,
+        typer.Option(help="Token that viewers give; default: SOCIALBOT_TOKEN, which other users do not see."),
+    ] = None,
 ) -> None:
     """Play a recorded run to Foxglove or Lichtblick over a WebSocket, until Ctrl-C."""
     from socialbot.cli._runs import images_of, opened_run

@@ -29,7 +29,10 @@ EXAMPLES = (
 )
 HostOption = Annotated[str, typer.Option(help="Address to serve on; other than loopback, it needs a token.")]
 TokenOption = Annotated[
-    str | None, typer.Option(help="Token that opens the page; default: SOCIALBOT_TOKEN.", show_default=False)
+    str | None,
+    typer.Option(
+        help="Token that opens the page; default: SOCIALBOT_TOKEN, which other users do not see.", show_default=False
+    ),
 ]
 POLL_S = 0.1
 
