@@ -61,6 +61,7 @@ from socialbot.graph.ports import Delivery, Input, Output
 if TYPE_CHECKING:
     from socialbot.bridge.process import SupervisorChannel
 
+MOST_TYPES = 3  # types of a topic that are named
 OUTSIDE_S = 2.0  # period of the look at publishers outside the graph
 HEARTBEAT_S = 0.5  # period of the state reports to a supervisor
 LAST_MESSAGES_S = 1.0  # longest time that the end of a node waits for the delivery of its last messages
@@ -163,6 +164,7 @@ class NodeHost:
         self._outside: dict[Input[Any], tuple[str, str, QoSProfile]] = {}
         """Topic, ROS type and quality of service of the inputs from outside."""
         self._mismatches: dict[Input[Any], str] = {}
+        self._outside_pace = discovery.Pace()
         self._outside_timer = self._ros.create_timer(OUTSIDE_S, self._check_outside, clock=STEADY)
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
@@ -417,8 +419,12 @@ class NodeHost:
         log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refusals[reason])
 
     def _check_outside(self) -> None:
+        if not self._outside_pace.is_due:
+            return
+        with self._outside_pace.looking():
+            found = {port: discovery.publishers(self._ros, topic) for port, (topic, _, _) in self._outside.items()}
         for port, (topic, kind, qos) in self._outside.items():
-            reason = _mismatch(discovery.publishers(self._ros, topic), topic, kind, qos, port.name)
+            reason = _mismatch(found[port], topic, kind, qos, port.name)
             if reason != self._mismatches.get(port, "") and self._thread is not None:
                 self._mismatches[port] = reason
                 self._thread.note_mismatch(port, reason)
@@ -514,7 +520,8 @@ def _mismatch(found: Collection[Any], topic: str, kind: str, qos: QoSProfile, po
     """Return the reason why none of the publishers ``found`` matches an input; empty if one does, or there is none."""
     fitting = [each for each in found if each.topic_type == kind]
     if found and not fitting:
-        return f"{topic} is {', '.join(sorted({each.topic_type for each in found}))}, not {kind}"
+        kinds = sorted({each.topic_type for each in found})
+        return f"{topic} is {', '.join(kinds[:MOST_TYPES])}, not {kind}"
     weak = [each for each in fitting if each.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT]
     if fitting and weak == fitting and qos.reliability is ReliabilityPolicy.RELIABLE:
         return f"the publisher of {topic} is best effort: nothing arrives; give the input {port} Delivery.NEWEST"

@@ -22,7 +22,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
-from socialbot.bridge.discovery import readable
+from socialbot.bridge.discovery import Pace, readable
 from socialbot.core.errors import MessageError
 from socialbot.graph.calls import Outcome, PendingCall
 
@@ -66,6 +66,7 @@ class RosChannel:
         self._sent: dict[PendingCall, frozenset[bytes] | None] = {}
         """Calls in progress, with the servers that got them; None while a name among the servers is no text."""
         clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
+        self._pace = Pace()
         self._timer = ros.create_timer(CHECK_PERIOD_S, self._check, clock=clock, autostart=False)
 
     def send(self, call: PendingCall) -> None:
@@ -106,9 +107,11 @@ class RosChannel:
             waiting, self._waiting = self._waiting, []
             for call in waiting:
                 self._transmit(call)
-        present = readable(self._endpoints) if self._sent else None
-        if present is not None:
-            self._end_lost(present)
+        if self._sent and self._pace.is_due:
+            with self._pace.looking():
+                present = readable(self._endpoints)
+            if present is not None:
+                self._end_lost(present)
         if not self._waiting and not self._sent:
             self._timer.cancel()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -44,11 +43,12 @@ class AdaptiveSubscription:
     _qos: Any = field(default=None, init=False)
     _subscription: Any = field(default=None, init=False)
     _watched: WatchedSubscription | None = field(default=None, init=False)
-    _adapted: float = field(default=-math.inf, init=False)
+    _pace: discovery.Pace = field(init=False)
     _strict_again: Backoff = field(init=False)
     _replacements: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
+        self._pace = discovery.Pace(ADAPT_PERIOD_S, self.clock)
         self._strict_again = Backoff(self.clock)
 
     @property
@@ -60,11 +60,10 @@ class AdaptiveSubscription:
 
     def adapt(self) -> None:
         """Subscribe again if the publishers have changed, or messages do not arrive."""
-        now = self.clock()
-        if now - self._adapted < ADAPT_PERIOD_S:
+        if not self._pace.is_due:
             return
-        self._adapted = now
-        found = publishers_of(self.ros, self.name)
+        with self._pace.looking():
+            found = publishers_of(self.ros, self.name)
         qos = matching_qos(found, self.depth)
         is_stricter = self._qos is not None and _strictness(qos) > _strictness(self._qos)
         is_fixed = not found and self._subscription is not None

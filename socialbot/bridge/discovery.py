@@ -1,12 +1,15 @@
 """Nodes, topics and publishers that DDS has discovered.
 
 Anybody in the network can choose a name. If one in a list is no text, rclpy raises UnicodeDecodeError for the list.
+Anybody can also announce endpoints without end, of which rclpy makes objects at each look.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -14,6 +17,35 @@ from socialbot.bridge.qos import profile
 from socialbot.graph.ports import TOPIC_NAME
 
 T = TypeVar("T")
+
+
+SHARE = 0.1
+"""Largest share of the time that looks with a `Pace` take."""
+
+
+@dataclass
+class Pace:
+    """Pace of looks at discovered endpoints.
+
+    Attributes:
+        period_s: Shortest time from one look to the next; it grows with the processor time of a look.
+        clock: Steady clock (s).
+    """
+
+    period_s: float = 0.0
+    clock: Callable[[], float] = time.monotonic
+    _due: float = field(default=-math.inf, init=False)
+
+    @property
+    def is_due(self) -> bool:
+        return self.clock() >= self._due
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Measure a look inside the block."""
+        begun, spent = self.clock(), time.thread_time()
+        yield
+        self._due = begun + max(self.period_s, (time.thread_time() - spent) / SHARE)
 
 
 def readable(look_up: Callable[[], T]) -> T | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -72,6 +73,22 @@ def test_fits_the_weakest_publisher_at_once(ros: Ros) -> None:
     assert subscription.latched
     assert len(ros.made) == 4
     assert len(ros.present) == 1
+
+
+def test_publishers_without_end_take_a_limited_share_of_the_time(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stranger announced them. A look that takes 0.1 s comes once a second."""
+    looks = []
+
+    def look(name: str) -> list[Any]:
+        looks.append(ros.now)
+        end_s = time.thread_time() + 0.1
+        while time.thread_time() < end_s:
+            pass
+        return []
+
+    monkeypatch.setattr(ros, "get_publishers_info_by_topic", look)
+    passes(ros, subscribed(ros), 10.0)
+    assert 2 <= len(looks) <= 10
 
 
 @pytest.mark.parametrize("has_keys", [False, True])

@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -323,6 +324,25 @@ def test_composed_nodes_use_dds_only_for_subscribers_outside(
         say("g")
         assert eventually(lambda: listener.node.heard == "abcdefg")
         assert over_dds == ["d", "e", "f"]
+
+
+def test_publishers_outside_without_end_do_not_keep_a_node_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stranger can announce any number, of which rclpy makes objects at each look. Here one takes a minute."""
+    spent_s: list[float] = []
+
+    def look(*_: object) -> list[object]:
+        spent_s.append(60.0)
+        return []
+
+    monkeypatch.setattr("socialbot.bridge.discovery.publishers", look)
+    clocks = SimpleNamespace(monotonic=time.monotonic, thread_time=lambda: sum(spent_s))
+    monkeypatch.setattr("socialbot.bridge.discovery.time", clocks, raising=False)
+    graph = Graph("outside", (NodeConfig("listener", Listener),), inputs=frozenset({"/said"}))
+    with node_hosts(graph) as host:
+        listener = host("listener")
+        for _ in range(3):
+            listener._check_outside()
+        assert len(spent_s) == 1
 
 
 @pytest.mark.parametrize(
