@@ -10,6 +10,7 @@ receivers note the last number of each stream as well.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import logging
@@ -125,7 +126,9 @@ class AcceptedTimes:
     def _file(self, name: str) -> int:
         if name not in self._files:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._files[name] = os.open(self.folder / name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            _expect_own(self.folder)
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+            self._files[name] = os.open(self.folder / name, flags, 0o600)
         return self._files[name]
 
     def __del__(self) -> None:
@@ -141,6 +144,13 @@ def state_folder(realm: str, keys: Path, name: str) -> Path:
     base = user_folder("XDG_STATE_HOME", ".local/state") / "socialbot"
     machine = b"\n".join((realm.encode(), name.encode(), os.fsencode(keys.resolve())))
     return base / "accepted" / hashlib.sha256(machine).hexdigest()[:16]
+
+
+def _expect_own(folder: Path) -> None:
+    """Raise PermissionError if another user can change the files of a folder, as one that was prepared in /tmp."""
+    found = folder.stat()
+    if found.st_mode & 0o022 or os.getuid() not in (0, found.st_uid):
+        raise PermissionError(errno.EPERM, "other users can change the folder", str(folder))
 
 
 def _is_locked(file: int, *, last: bool) -> bool:

@@ -344,6 +344,30 @@ def test_a_folder_that_cannot_be_written_is_reported_once(tmp_path, caplog):
     assert caplog.text.count("cannot note accepted messages") == 1
 
 
+@pytest.mark.parametrize("name", ["a", ".streams"])
+def test_times_are_not_written_through_a_link(name, tmp_path, caplog):
+    """Another user may have prepared the folder, as below /tmp."""
+    (tmp_path / "elsewhere").write_bytes(b"precious")
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / name).symlink_to(tmp_path / "elsewhere")
+    AcceptedTimes(tmp_path / "state").note("a", "s", 1, SECOND)
+    assert (tmp_path / "elsewhere").read_bytes() == b"precious"
+    assert "cannot note accepted messages" in caplog.text
+
+
+@pytest.mark.parametrize("prepared", ["mode", "owner"])
+def test_times_in_a_folder_that_others_can_change_are_not_trusted(prepared, tmp_path, caplog, monkeypatch):
+    folder = tmp_path / "state"
+    folder.mkdir(mode=0o755)
+    if prepared == "mode":
+        folder.chmod(0o777)
+    else:
+        monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
+    AcceptedTimes(folder).note("a", "s", 1, SECOND)
+    assert not list(folder.iterdir())
+    assert "other users can change the folder" in caplog.text
+
+
 def test_times_are_noted_again_once_the_folder_can_be_written(tmp_path, caplog):
     """A full disk, or one that is mounted late."""
     (tmp_path / "file").touch()
