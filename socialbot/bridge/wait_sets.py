@@ -48,6 +48,9 @@ KEPT_SAMPLES = 1000
 DAMAGED_PAUSE_S = 0.002
 """Pause (s) after each empty message until the replacement: DDS returns it at once, again and again."""
 
+EVENT_PAUSE_S = 0.005
+"""Pause (s) after a wait that ends although nothing is ready: a QoS event ends each one at once until the next look."""
+
 RESUMED_S = 0.1
 """Longest time (s) until a suspended coroutine goes on, if what it awaits has ended in another thread."""
 
@@ -235,6 +238,8 @@ class OneThreadExecutor(SingleThreadedExecutor):
             self._ready += self._wait(0 if self._ready else left_ns)
             if not self._ready and timeout_ns >= 0 and end_ns <= time.monotonic_ns():
                 return
+            if not self._ready and left_ns and not self._is_changed and not self._tasks:
+                time.sleep(EVENT_PAUSE_S)
 
     def _unfinished(self) -> list[_Ready]:
         if not self._tasks:

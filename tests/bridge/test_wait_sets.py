@@ -22,7 +22,7 @@ from std_srvs.srv import SetBool
 from evaluation.rtps_attack import freed, ports
 from socialbot.bridge.environment import ros_context
 from socialbot.bridge.qos import profile
-from socialbot.bridge.wait_sets import POLL_PERIOD_S, OneThreadExecutor
+from socialbot.bridge.wait_sets import POLL_PERIOD_S, OneThreadExecutor, _WaitSet
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -352,6 +352,22 @@ def test_qos_events_are_looked_for_once_a_second(spun: _Spun):
     assert not found
     spun.now_s += POLL_PERIOD_S
     assert spun.until(lambda: found)
+
+
+def test_an_event_that_waits_for_its_look_keeps_no_core_busy(spun: _Spun, monkeypatch: pytest.MonkeyPatch):
+    """One packet of a stranger a second announces a publisher with another quality of service."""
+    spun.node.create_subscription(String, "/said", spun.take, profile(1))
+    spun.settle()
+    with ros_context() as context:
+        other = Node("other", context=context)
+        other.create_publisher(String, "/said", profile(1, reliable=False))
+        assert spun.until(lambda: spun.node.count_publishers("/said") == 2)
+        waits: list[int] = []
+        wait = _WaitSet.wait
+        monkeypatch.setattr(_WaitSet, "wait", lambda one, timeout_ns: waits.append(timeout_ns) or wait(one, timeout_ns))
+        spun.executor.spin_once(timeout_sec=0.5)
+        assert len(waits) < 150
+        other.destroy_node()
 
 
 def test_other_threads_wake_a_spinning_executor(spun: _Spun):
