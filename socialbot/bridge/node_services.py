@@ -44,8 +44,8 @@ class NodeClient:
         """What ``look`` finds once it changes no more and ``is_complete``, or when the time is over."""
         found = look()
         since = time.monotonic()
-        end = since + self._timeout_s
-        while time.monotonic() < (since + SETTLE_S if is_complete(found) else max(since + SETTLE_S, end)):
+        end = since + max(self._timeout_s, SETTLE_S)
+        while time.monotonic() < (min(since + SETTLE_S, end) if is_complete(found) else end):
             self._executor.spin_once(timeout_sec=0.05)
             before, found = found, look()
             if found != before:

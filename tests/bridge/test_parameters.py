@@ -91,6 +91,13 @@ def test_missing_node_and_missing_services_are_named(monkeypatch):
         mute.destroy_node()
 
 
+def test_a_list_of_nodes_that_always_changes_is_shown():
+    """A stranger announces ever other names."""
+    names = iter(str(number) for number in range(100))
+    with parameter_client(timeout_s=0.2) as client:
+        assert client._settled(lambda: next(names), bool)
+
+
 @pytest.mark.parametrize(
     ("text", "before", "value"),
     [
