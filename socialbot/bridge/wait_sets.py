@@ -238,7 +238,7 @@ class OneThreadExecutor(SingleThreadedExecutor):
             self._ready += self._wait(0 if self._ready else left_ns)
             if not self._ready and timeout_ns >= 0 and end_ns <= time.monotonic_ns():
                 return
-            if not self._ready and left_ns and not self._is_changed and not self._tasks:
+            if not (self._ready or self._is_changed) and left_ns and len(self._tasks) == len(self._suspended):
                 time.sleep(EVENT_PAUSE_S)
 
     def _unfinished(self) -> list[_Ready]:

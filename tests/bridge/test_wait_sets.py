@@ -15,6 +15,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
@@ -354,8 +355,17 @@ def test_qos_events_are_looked_for_once_a_second(spun: _Spun):
     assert spun.until(lambda: found)
 
 
-def test_an_event_that_waits_for_its_look_keeps_no_core_busy(spun: _Spun, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("is_suspended", [False, True])
+def test_an_event_that_waits_for_its_look_keeps_no_core_busy(
+    is_suspended: bool, spun: _Spun, monkeypatch: pytest.MonkeyPatch
+):
     """One packet of a stranger a second announces a publisher with another quality of service."""
+
+    async def await_without_end() -> None:
+        await Future()
+
+    if is_suspended:
+        spun.executor.create_task(await_without_end)
     spun.node.create_subscription(String, "/said", spun.take, profile(1))
     spun.settle()
     with ros_context() as context:
