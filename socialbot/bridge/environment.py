@@ -159,6 +159,12 @@ def _log_folder() -> Path:
         return folder.with_name(f"{folder.name}-{secrets.token_hex(8)}")
 
 
+def own_ros_logs(environment: Mapping[str, str] = os.environ) -> list[Path]:
+    """Logs that ROS writes for this process: a stranger can cause a line a second for each subscription."""
+    folder = environment.get("ROS_LOG_DIR", "")
+    return sorted(Path(folder).glob(f"*_{os.getpid()}_*.log")) if folder else []
+
+
 def use_topics(
     name: str,
     environment: MutableMapping[str, str] = os.environ,

@@ -315,7 +315,8 @@ class Supervisor:
         if now >= self._rotate_at:
             self._rotate_at = now + ROTATE_EVERY_S
             with contextlib.suppress(OSError):  # a full disk, or a folder that was removed meanwhile
-                self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
+                logs = [log_file(self._folder, name) for name in self.members]
+                self._rotation.rotate_all([*logs, *environment.own_ros_logs()], self._folder / "ros")
         for member in self.members.values():
             if member.process is not None:
                 code = member.process.poll()

@@ -99,6 +99,18 @@ def test_restarts_a_killed_process_alone(
     assert one.state == two.state == "ended"
 
 
+def test_the_log_that_ros_writes_for_this_process_is_rotated(
+    scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, other = tmp_path / f"python_{os.getpid()}_1.log", tmp_path / f"python_{os.getpid() + 1}_1.log"
+    for each in (log, other):
+        each.write_bytes(bytes(6_000_000))
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    with Supervisor(GRAPH, tmp_path / "run", policy=POLICY) as supervisor:
+        assert attended(supervisor, lambda: log.stat().st_size == 0)
+        assert other.stat().st_size == 6_000_000
+
+
 def test_renews_processes_started_between_two_times(scripts: dict[str, str], tmp_path: Path) -> None:
     """Renewals are not counted as crashes."""
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
