@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -13,18 +14,21 @@ PAGE = Path(__file__).parents[1] / "docs" / "conformance.md"
 HEADING = """\
 # Conformance with Jason
 
-This page tells, for each item of Jason's standard library and syntax, whether it means the same here. It is generated
-from tests (`python -m tools.conformance`): `tests/conformance/jason` contains {cases} small programs with what
-Jason {version} prints for them, and the tests run them. In addition, {random} random programs of two agents print the
-same there and here, in any order: `tests/conformance/random_programs.py` makes them and records the answers.
+This page is the list of Jason's standard library and syntax: what each item does, and whether it means the same here.
 [Semantics](semantics.md) explains the language and the larger differences.
 
+| section | yes | differs | no | extra |
+|---|---|---|---|---|
+{summary}
+
 - **yes**: all programs of the item print the same.
-- **differs**: some programs print something else; the table below the section tells what and why.
-- **no**: the item does not exist here; a program that uses it is refused by name.
+- **differs**: some programs print something else. The second table of the section tells what and why.
+- **no**: the item does not exist here. A program that uses it is refused by name.
 - **extra**: the item does not exist in Jason.
 
-{yes} items are the same, {differs} differ in part, {no} do not exist.
+The tests compare socialbot with Jason {version}. `tests/conformance/jason` has {cases} small programs with their output in
+Jason. {random} random programs of two agents print the same, in any order (`tests/conformance/random_programs.py`).
+`python -m tools.conformance` writes this page from the tests. Programs that no test has may differ.
 """
 
 DESCRIBED = {
@@ -38,23 +42,37 @@ DESCRIBED = {
 def page() -> str:
     """Text of the page."""
     items = all_items()
-    cases = sum(len(item.cases) for item in items)
-    counts = {status: sum(item.status == status for item in items) for status in ("yes", "differs", "no")}
+    sections = [(section, list(group)) for section, group in groupby(items, key=lambda item: item.section)]
     found = recorded()
-    parts = [HEADING.format(cases=cases, random=len(found["answers"]), version=found["jason"], **counts)]
-    for section, group in groupby(items, key=lambda item: item.section):
-        found = list(group)
-        parts.append(f"## {section}\n")
-        parts.append("\n".join(["| item | same | |", "|---|---|---|", *map(_row, found), ""]))
-        rows = [row for item in found for row in _differences(item)]
-        if rows:
-            heading = ["| differs in | Jason prints | here | why |", "|---|---|---|---|"]
-            parts.append("\n".join([*heading, *rows, ""]))
+    cases = sum(len(item.cases) for item in items)
+    summary = "\n".join([*(_counts(section, group) for section, group in sections), _counts("all", items)])
+    heading = HEADING.format(summary=summary, cases=cases, random=len(found["answers"]), version=found["jason"])
+    return "\n".join([heading, *(_section(section, group) for section, group in sections)])
+
+
+def _counts(section: str, items: Sequence[Item]) -> str:
+    counts = (sum(item.status == status for item in items) or "" for status in ("yes", "differs", "no", "extra"))
+    return f"| {' | '.join([section, *map(str, counts)])} |"
+
+
+def _section(section: str, items: Sequence[Item]) -> str:
+    """Text of a section: a table of the items with a meaning, the names of the others, and the differences."""
+    rows = [f"| {_cell(text)} | {item.status} |" for item in items if (text := _meaning(item))]
+    parts = [f"## {section}\n"]
+    if rows:
+        parts.append("\n".join(["| item | same |", "|---|---|", *rows, ""]))
+    for status, label in (("yes", "The same"), ("differs", "Partly different")):
+        if names := [_code(item.name) for item in items if item.status == status and not _meaning(item)]:
+            parts.append(f"{label}: {'; '.join(names)}.\n")
+    if rows := [row for item in items for row in _differences(item)]:
+        parts.append("\n".join(["| differs in | Jason prints | here | why |", "|---|---|---|---|", *rows, ""]))
     return "\n".join(parts)
 
 
-def _row(item: Item) -> str:
-    return f"| `{_cell(item.name)}` | {item.status} | {_cell(item.missing or item.extra or description(item.name))} |"
+def _meaning(item: Item) -> str:
+    """What an item does, behind its name; empty if the name says it."""
+    text = item.missing or item.extra or description(item.name)
+    return text if not text or text.startswith(f"`{item.name}") else f"{_code(item.name)}: {text}"
 
 
 def description(name: str) -> str:
@@ -62,7 +80,7 @@ def description(name: str) -> str:
     entry = internals().get(name)
     if entry is not None:
         return usage(entry)
-    group = [text for text in map(description, sorted(internals())) if text.startswith(f"`{name}.")]
+    group = [text.rstrip(".") for text in map(description, sorted(internals())) if text.startswith(f"`{name}.")]
     return DESCRIBED.get(name, "") or "; ".join(group)
 
 
@@ -77,6 +95,11 @@ def _differences(item: Item) -> list[str]:
 
 def _printed(lines: list[str]) -> str:
     return ", ".join(f"`{_cell(line)}`" for line in lines) or "nothing"
+
+
+def _code(name: str) -> str:
+    """The name of an item as Markdown; a name with words and code marks its code itself."""
+    return name if "`" in name else f"`{name}`"
 
 
 def _cell(text: str) -> str:
