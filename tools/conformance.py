@@ -26,8 +26,8 @@ This page is the list of Jason's standard library and syntax: what each item doe
 - **no**: the item does not exist here. A program that uses it is refused by name.
 - **extra**: the item does not exist in Jason.
 
-The tests compare socialbot with Jason {version}. `tests/conformance/jason` has {cases} small programs with their output in
-Jason. {random} random programs of two agents print the same, in any order (`tests/conformance/random_programs.py`).
+The tests compare socialbot with Jason {version}. `tests/conformance/jason` has {cases} small programs with their output
+in Jason. {random} random programs of two agents print the same, in any order (`tests/conformance/random_programs.py`).
 `python -m tools.conformance` writes this page from the tests. Programs that no test has may differ.
 """
 
