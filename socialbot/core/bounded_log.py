@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import itertools
 import os
@@ -54,11 +55,14 @@ class BoundedLog:
 
     @property
     def is_gone(self) -> bool:
-        """Whether the file was removed, so that nobody will read it."""
-        return os.fstat(self._file.fileno()).st_nlink == 0
+        """Whether the file was removed, or moved with its folder, so that nobody will find it here."""
+        return not self._path.exists() and not self._is_own(_part(self._path, self._number + 1))
+
+    def _is_own(self, path: Path) -> bool:
+        return path.exists() and os.path.samestat(os.fstat(self._file.fileno()), path.stat())
 
     def reopen(self) -> None:
-        """Begin a new file, and its folder, after the old one was removed. Raises OSError."""
+        """Begin a new file, and its folder, after the old one is gone. Raises OSError."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         file = _new_file(self._path)
         self._file.close()
@@ -85,7 +89,9 @@ class BoundedLog:
     def _begin_part(self) -> None:
         """Put the full part aside and begin a new one. After an OSError the full part is open, and this may go on."""
         aside = _part(self._path, self._number + 1)
-        if not (aside.exists() and os.path.samestat(os.fstat(self._file.fileno()), aside.stat())):
+        if not self._is_own(aside):
+            if not self._is_own(self._path):  # the folder of another run is in the place of ours
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), self._path)
             self._path.replace(aside)
         if (oldest := self._number + 2 - PARTS) > 0:
             _part(self._path, oldest).unlink(missing_ok=True)

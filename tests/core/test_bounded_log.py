@@ -236,3 +236,43 @@ def test_threads_may_write_while_another_one_looks_for_a_removed_file(tmp_path: 
     log.restore()
     log.write(b"last")
     assert lines(path)[-1] == b"last"
+
+
+def test_after_its_folder_was_moved_a_new_file_begins_in_its_place(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    journal = LossyLog(BoundedLog(folder / "j", 400, lambda: [b"opening"]), lambda: 0.0)
+    journal.write(b"line 000001")
+    folder.rename(tmp_path / "moved")
+    journal.restore()
+    for number in range(2, 20):
+        journal.write(b"line %06d" % number)
+    assert (journal.problem, journal.lost) == ("", 0)
+    assert lines(tmp_path / "moved" / "j") == [b"line 000001"]
+    assert [line for line in lines(folder / "j") if line != b"opening"] == [b"line %06d" % n for n in range(2, 20)]
+
+
+def test_the_log_of_another_run_in_its_place_is_left_alone(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    journal = LossyLog(BoundedLog(folder / "j", 400))
+    folder.rename(tmp_path / "moved")
+    folder.mkdir()
+    (folder / "j").write_bytes(b"of another run\n")
+    for number in range(40):
+        journal.write(b"line %06d" % number)
+    assert (folder / "j").read_bytes() == b"of another run\n"
+    assert journal.problem == "File exists"
+    assert lines(tmp_path / "moved" / "j")[0] == b"line 000000"
+
+
+def test_a_moved_folder_with_a_link_in_its_place_goes_on(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    journal = LossyLog(BoundedLog(folder / "j", 400))
+    journal.write(b"before")
+    folder.rename(tmp_path / "moved")
+    folder.symlink_to(tmp_path / "moved")
+    for number in range(30):
+        journal.write(b"line %06d" % number)
+    assert lines(tmp_path / "moved" / "j") == [b"before", *(b"line %06d" % number for number in range(30))]
