@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import importlib.util
 import logging
@@ -27,7 +28,7 @@ import msgspec
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
-from socialbot.core.paths import read_text, replace_file
+from socialbot.core.paths import read_text, replace_file, user_folder
 from socialbot.core.process import halt_thread, proc_stat, skip_cleanup
 
 if TYPE_CHECKING:
@@ -147,16 +148,17 @@ def prepare(
 
 def _log_folder() -> Path:
     """Return a folder that only this user can change: any user can make one of a known name in /tmp, or a link."""
-    folder = Path(tempfile.gettempdir()) / f"socialbot-ros-log-{os.getuid()}"
+    name = f"socialbot-ros-log-{os.getuid()}"
     try:
+        folder = Path(tempfile.gettempdir()) / name
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         found = folder.lstat()
         if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
             return folder
-        return Path(tempfile.mkdtemp(prefix=f"{folder.name}-"))
+        return Path(tempfile.mkdtemp(prefix=f"{name}-"))
     except OSError:  # the disk is full or read-only, so ROS has no log; nobody can prepare a name that is not known
-        return folder.with_name(f"{folder.name}-{secrets.token_hex(8)}")
+        return Path(tempfile.tempdir or "/tmp") / f"{name}-{secrets.token_hex(8)}"
 
 
 def own_ros_logs(environment: Mapping[str, str] = os.environ) -> list[Path]:
@@ -288,14 +290,24 @@ def own_domain(
 
 
 def _claimed(domain: int, claim: contextlib.ExitStack) -> bool:
-    """Claim an unused domain until ``claim`` closes; return False if another run did, whose nodes may not be up yet."""
+    """Claim an unused domain until ``claim`` closes; return False if another run did, whose nodes may not be up yet.
+
+    Where no disk can be written or has locks, nobody can claim a domain, and an unused one is as good.
+    """
     try:
         file = _claim_file(Path(tempfile.gettempdir()) / f"socialbot-domain-{domain}.lock")
-        claim.callback(os.close, file)
+    except OSError as error:
+        return error.errno in _NO_DISK
+    claim.callback(os.close, file)
+    try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
+    except OSError as error:
+        return not isinstance(error, BlockingIOError)
     return True
+
+
+_NO_DISK = (errno.ENOENT, errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""Errors of making a file where no folder for temporary files can be written."""
 
 
 def _claim_file(path: Path) -> int:
@@ -363,13 +375,12 @@ WITHOUT_LOG_FILES = ("--ros-args", "--disable-external-lib-logs")
 
 def can_log(environment: Mapping[str, str] = os.environ) -> bool:
     """Whether ROS can make a file in its log folder; otherwise, as on a full disk, it would not start."""
-    home = Path(environment.get("ROS_HOME") or Path.home() / ".ros")
-    folder = Path(environment.get("ROS_LOG_DIR") or home / "log")
     try:
+        folder = Path(environment.get("ROS_LOG_DIR") or user_folder("ROS_HOME", ".ros") / "log")
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return True
-    except OSError:
+    except (OSError, ParameterError):  # or a user without a home folder
         return False
 
 

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import fcntl
 import os
+import pwd
+import resource
 import socket
 import stat
 import subprocess
@@ -28,6 +30,7 @@ from socialbot.bridge.environment import (
 from socialbot.bridge.ros_checks import segment_size
 from socialbot.bridge.shared_memory import SHARED
 from socialbot.core.errors import GraphError, InstallationError, NodeError
+from tests.system.running import limited
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
 
@@ -154,6 +157,28 @@ def test_a_prepared_log_folder_is_not_used_on_a_full_disk(temporary: Path, monke
     first, second = (Path(prepared()["ROS_LOG_DIR"]) for _ in range(2))
     assert len({first, second, folder}) == 3
     assert not first.exists()
+
+
+def test_commands_need_no_disk_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The working directory and all folders for temporary files may be on one disk, which is full."""
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with limited(resource.RLIMIT_FSIZE, 0):
+        with pytest.raises(FileNotFoundError):
+            tempfile.gettempdir()
+        folder = Path(prepared()["ROS_LOG_DIR"])
+        with own_domain(environment={}) as domain:
+            assert domain in FREE_DOMAINS
+    assert not folder.exists()
+
+
+def test_a_user_without_a_home_folder_can_use_ros(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody(_: int) -> None:
+        raise KeyError
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    assert environment.can_log(prepared())
+    assert not environment.can_log({"ROS_LOG_DIR": ""})
 
 
 @pytest.mark.ros
@@ -351,6 +376,15 @@ def test_a_claim_follows_no_link(temporary: Path):
     with pytest.raises(NodeError, match="are all in use"), own_domain(environment={}):
         pass
     assert not (temporary / "made").exists()
+
+
+def test_a_file_system_without_locks_is_no_obstacle(temporary: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with own_domain(environment={}) as domain:
+        assert domain in FREE_DOMAINS
 
 
 def test_domain_in_use_is_passed_over():
