@@ -107,6 +107,24 @@ def test_damaged_mind_file_is_renamed_and_ignored(text: str, tmp_path: Path, cap
     assert "starts without its mind file" in caplog.text
 
 
+def test_damaged_mind_file_that_cannot_be_renamed_is_ignored(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "waldo.json").write_text("{")
+    (tmp_path / "waldo.json.damaged").mkdir()
+    corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
+    corridor.see(ANNA, times=20)
+    assert len(times(corridor, "greeting")) == 1
+    assert "damaged and cannot be renamed (Is a directory)" in caplog.text
+
+
+def test_agent_starts_where_its_state_cannot_be_saved(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As after a crash while the disk is read-only, or full and without the folder."""
+    (tmp_path / "minds").write_text("")
+    corridor = Corridor(mind_file=str(tmp_path / "minds" / "waldo.json"))
+    corridor.see(ANNA, times=20)
+    assert len(times(corridor, "greeting")) == 1
+    assert caplog.text.count("cannot save its state") == 1
+
+
 class thing(Belief):  # noqa: N801 - written as agents write it
     """An object known to the agent."""
 

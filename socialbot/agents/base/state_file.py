@@ -70,8 +70,7 @@ class MindFile(StateFile):
         self._one_at_a_time = threading.Lock()
 
     def recall(self) -> bool:
-        """Restore the saved state; return whether there is one. Rename a damaged file."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        """Restore the saved state; return whether there is one. Rename a damaged file, if the disk can be written."""
         if not self._path.exists():
             return False
         try:
@@ -79,8 +78,12 @@ class MindFile(StateFile):
             saving.restore(self._engine, {**data, "records": data["records"] + RECORDS_SKIPPED})
         except (saving.MindError, KeyError, TypeError) as error:
             damaged = self._path.with_name(f"{self._path.name}.damaged")
-            self._node.log.warning("starts without its mind file, which is damaged and now %s: %s", damaged, error)
-            self._path.replace(damaged)
+            try:
+                self._path.replace(damaged)
+                state = f"now {damaged}"
+            except OSError as problem:
+                state = f"cannot be renamed ({problem.strerror})"
+            self._node.log.warning("starts without its mind file, which is damaged and %s: %s", state, error)
             return False
         return True
 
