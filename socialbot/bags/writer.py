@@ -34,15 +34,23 @@ class BagWriter:
         storage: "mcap" or "sqlite3".
         compressed: Whether to compress with zstd, which helps text but not images.
         only_whole: Whether an exception in the context removes the bag, as for a copy that can be made again.
+        shown: What errors name instead of ``path``, as for a folder that is removed again.
 
     Raises:
         BagError: The folder exists, or ``storage`` is unknown.
     """
 
     def __init__(
-        self, path: str | Path, *, storage: str = "mcap", compressed: bool = False, only_whole: bool = False
+        self,
+        path: str | Path,
+        *,
+        storage: str = "mcap",
+        compressed: bool = False,
+        only_whole: bool = False,
+        shown: Path | None = None,
     ) -> None:
         self.path = Path(path)
+        self._shown = str(shown or path)
         self.counts: dict[str, int] = {}
         self._only_whole = only_whole
         self._types = RosbagsTypes()
@@ -140,7 +148,8 @@ class BagWriter:
         return connection
 
     def _failed(self, error: Exception) -> BagError:
-        return BagError(f"cannot be written: {error}", where=str(self.path), remedy=CHECK_DISK)
+        reason = (error.strerror if isinstance(error, OSError) else None) or error  # with no path in it
+        return BagError(f"cannot be written: {reason}", where=self._shown, remedy=CHECK_DISK)
 
 
 def qos_of(latched: bool) -> Qos:

@@ -63,14 +63,15 @@ def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, i
     with writing(out, BagError):
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=out.parent) as folder:
-            with BagWriter(Path(folder) / "bag") as writer:
+            writer = BagWriter(Path(folder) / "bag", shown=out)
+            with writer:
                 for time, topic, message in stream_of(show, bag):
                     if isinstance(message, Message):
                         writer.write(topic, message, time, "typed")
                     else:
                         data = show.types.serialize(message)
                         writer.write_raw(topic, message.__msgtype__, data, time, latched=topic == "/tf_static")
-            next((Path(folder) / "bag").glob("*.mcap")).replace(out)
+            next(writer.path.glob("*.mcap")).replace(out)
     return writer.counts
 
 

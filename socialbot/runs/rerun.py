@@ -16,6 +16,7 @@ from socialbot.core.errors import BagError, InstallationError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
 from socialbot.core.paths import CHECK_DISK
+from socialbot.core.process import skip_cleanup
 from socialbot.runs._streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.standard_messages import AHEAD, HEAD_HZ, HeadCourse, HeadPose, Mounting, mounting_of, place_of
@@ -76,6 +77,9 @@ COLOURS: tuple[Colour, ...] = (
 GREY: Colour = (154, 160, 166)
 GAZE: Colour = (255, 213, 74)
 
+FLUSH_S = 300.0
+"""Time limit (s) for the rest of a recording to be written."""
+
 BODY_M, SHOULDERS_M = 1.7, 0.22
 
 
@@ -93,7 +97,7 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     except ImportError as error:
         raise InstallationError("Rerun is not installed", remedy=extra_command("rerun")) from error
     recording = rerun.RecordingStream("socialbot")
-    with _whole(out):
+    with _whole(out, recording):
         with _writing(out):
             out.parent.mkdir(parents=True, exist_ok=True)
             recording.save(out, default_blueprint=layout(run, importlib.import_module("rerun.blueprint")))
@@ -106,16 +110,22 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
         show.log()
         show.minds()
         with _writing(out):
-            recording.flush()
+            recording.flush(timeout_sec=FLUSH_S)
             recording.disconnect()
 
 
+_unfinished: list[Any] = []
+"""Recordings that could not be written. Rerun may wait for its threads without end when it frees one."""
+
+
 @contextmanager
-def _whole(out: Path) -> Iterator[None]:
-    """Remove the file after an exception: the next export would refuse to write over it."""
+def _whole(out: Path, recording: Any) -> Iterator[None]:
+    """Remove the file after an exception: the next export would refuse to write over it. Let the process end then."""
     try:
         yield
     except BaseException:
+        _unfinished.append(recording)
+        skip_cleanup()
         out.unlink(missing_ok=True)
         raise
 

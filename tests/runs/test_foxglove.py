@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import resource
 import subprocess
 import sys
 import warnings
@@ -28,7 +29,7 @@ from socialbot.runs._streams import LEAP, beats, detections_of, minds_of, poses_
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.foxglove import export_foxglove
 from socialbot.runs.rerun import DISTANCES, HEAD, LOG, MINDS, PEOPLE, PICTURE
-from tests.system.running import cut, socialbot_here
+from tests.system.running import PATIENCE_S, cut, limited, socialbot_here
 
 SECOND = 10**9
 PERSON = {
@@ -265,13 +266,21 @@ def test_export_refuses_existing_files_and_unknown_suffixes(run: RecordedRun, tm
         export(run.folder, tmp_path / "run.bin")
 
 
-@pytest.mark.slow  # Rerun's own thread sometimes does not end
+def test_a_full_disk_is_reported_for_the_file_and_leaves_nothing(run: RecordedRun, tmp_path: Path) -> None:
+    out = tmp_path / "made" / "run.mcap"
+    with limited(resource.RLIMIT_FSIZE, 2000), pytest.raises(BagError) as error:
+        export_foxglove(run, None, out)
+    assert str(error.value).startswith(f"{out}: cannot be written: File too large")
+    assert "/bag" not in str(error.value)
+    assert not list(out.parent.iterdir())
+
+
 def test_a_rerun_recording_that_cannot_be_written_leaves_no_file(run: RecordedRun, tmp_path: Path) -> None:
-    """Rerun writes in a thread, so the error comes at the end; in a process of its own, as that thread may hang."""
+    """Rerun writes in a thread, so the error comes at the end; in a process of its own, for which Rerun would wait."""
     pytest.importorskip("rerun")
     out = tmp_path / "run.rrd"
     command = f'ulimit -f 4; exec "{sys.executable}" -m socialbot export "{run.folder}" "{out}"'
-    told = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60)
+    told = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=PATIENCE_S)
     assert told.returncode == 3, told.stderr
     assert f"{out}: cannot be written" in told.stderr
     assert "Traceback" not in told.stderr
