@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,7 +12,7 @@ import typer
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import expect_inside, replace_file
+from socialbot.core.paths import expect_inside, replace_file, temporary_folder
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
@@ -149,7 +148,7 @@ def _compared(
     pairs = enumerate(zip(one.digests, other.digests, strict=True))
     number = next((number for number, pair in pairs if pair[0] != pair[1]), 0)
     bag = plan.bags[number]
-    with tempfile.TemporaryDirectory(prefix="socialbot-sweep-") as folder:
+    with temporary_folder("socialbot-sweep-") as folder:
         runs = []
         for cell in (one, other):
             place = Path(folder) / f"cell {cell.number}"

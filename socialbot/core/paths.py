@@ -10,6 +10,7 @@ import os
 import secrets
 import shutil
 import stat
+import tempfile
 from collections.abc import Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -116,6 +117,16 @@ def replace_file(file: Path, data: bytes) -> None:
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+def temporary_folder(prefix: str) -> tempfile.TemporaryDirectory[str]:
+    """Make a folder whose context removes it. Raises ParameterError if no disk can be written."""
+    try:
+        return tempfile.TemporaryDirectory(prefix=prefix)
+    except OSError as error:
+        what = f"cannot make a folder for temporary files: {error.strerror}"
+        remedy = "free some space, or set TMPDIR to a folder on another disk"
+        raise ParameterError(what, where=os.environ.get("TMPDIR", "TMPDIR"), remedy=remedy) from error
 
 
 def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +18,7 @@ from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
-from socialbot.core.paths import replace_file, writing
+from socialbot.core.paths import replace_file, temporary_folder, writing
 from socialbot.core.reading import read_bytes
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
@@ -164,7 +163,7 @@ def _perception(
     """Return the recorded perception of a bag as a file, or None and the reason."""
     advance(0, "storing detections")
     chosen = graph_of(source) if graph is None else load_graph(graph) if isinstance(graph, str) else graph
-    with tempfile.TemporaryDirectory(prefix="socialbot-redact-") as folder:
+    with temporary_folder("socialbot-redact-") as folder:
         cache = CacheFolder(Path(folder) / "cache", 1 << 40)
         try:
             result = replay(source, chosen, Path(folder) / "run", cache=PerceptionCache(cache))

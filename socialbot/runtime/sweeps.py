@@ -7,7 +7,6 @@ import itertools
 import logging
 import math
 import random
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +20,7 @@ from socialbot.core.decoding import from_json
 from socialbot.core.errors import GraphError, InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import NO_JSON
-from socialbot.core.paths import expect_inside, read_text, writing
+from socialbot.core.paths import expect_inside, read_text, temporary_folder, writing
 from socialbot.core.reading import read_bytes
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
@@ -186,7 +185,7 @@ def run_job(job: SweepJob) -> BagResult:
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     bag = Path(job.bag)
     try:
-        with tempfile.TemporaryDirectory(prefix="socialbot-sweep-") as folder:
+        with temporary_folder("socialbot-sweep-") as folder:
             replay(bag, graph_for(bag, job.graph, job.changes), Path(folder) / "run").check()
             run = open_run(Path(folder) / "run")
             return measured(run, bag.name, _verdicts(job, run))

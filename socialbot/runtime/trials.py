@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import ParameterError, RunError, SocialbotError
+from socialbot.core.paths import temporary_folder
 from socialbot.graph.files import load_graph, with_changes
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.expectations import Expectation, Verdict, evaluate
@@ -149,7 +149,7 @@ def nearest_changes(
     again = trial.changed(())
     if again is None:
         return {}
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder("socialbot-trial-") as folder:
         search = _Search(expectations, again, Path(folder), progress)
         return search.found()
 

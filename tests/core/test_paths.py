@@ -2,17 +2,20 @@ from __future__ import annotations
 
 import pwd
 import re
+import resource
 import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import FOLDERS_VARIABLE, allow, replace_file, user_folder, within, workspace
+from socialbot.core.paths import FOLDERS_VARIABLE, allow, replace_file, temporary_folder, user_folder, within, workspace
 from socialbot.core.registry import node_types
 from socialbot.graph.files import dump_graph, load_graph, node_type, with_changes
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from tests.system.running import limited
 
 
 def test_a_file_is_replaced_with_its_permissions_and_through_a_link(tmp_path):
@@ -145,6 +148,12 @@ def test_files_beside_a_graph_may_be_used(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text(dump_graph(graph))
     load_graph(str(tmp_path / "mine.yaml"))
     assert workspace() == (Path.cwd(), tmp_path)
+
+
+def test_a_temporary_folder_that_cannot_be_made_is_an_error(monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with limited(resource.RLIMIT_FSIZE, 0), pytest.raises(ParameterError, match="cannot make a folder for temporary"):
+        temporary_folder("test-")
 
 
 def test_a_user_without_a_home_folder_has_to_name_one(monkeypatch):
