@@ -78,7 +78,7 @@ GREY: Colour = (154, 160, 166)
 GAZE: Colour = (255, 213, 74)
 
 FLUSH_S = 300.0
-"""Time limit (s) for the rest of a recording to be written."""
+"""Time limit (s) for a part of a recording to be written."""
 
 BODY_M, SHOULDERS_M = 1.7, 0.22
 
@@ -105,13 +105,11 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
         show = _RerunExport(rerun, recording, run)
         if bag is not None:
             show.pictures(bag)
-        show.people()
-        show.head()
-        show.log()
-        show.minds()
-        with _writing(out):
-            recording.flush(timeout_sec=FLUSH_S)
-            recording.disconnect()
+        for part in (show.people, show.head, show.log, show.minds):
+            part()
+            with _writing(out):
+                recording.flush(timeout_sec=FLUSH_S)
+        recording.disconnect()
 
 
 _unfinished: list[Any] = []
