@@ -149,6 +149,14 @@ class ProcessorWaits:
         return waited_s - wait.begun_s + max(0.0, (now - wait.since) - (ran_s - wait.ran_s))
 
 
+STARVED_LIMITS = 6  # so many time limits are too many also for a process that waits for a processor
+
+
+def is_late(silent_s: float, starved_s: float, limit_s: float) -> bool:
+    """Whether a process has been silent for too long: for ``starved_s`` of that time, it waited for a processor."""
+    return silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s
+
+
 class EndlessWork:
     """Watch over the threads of DDS in a process, which one false packet can let count without end.
 
@@ -232,6 +240,15 @@ def how_it_ended(code: int, error: str = "") -> str:
     if code < 0:
         return f"was ended by signal {-code}"
     return f"ended with exit code {code}" + (f": {error}" if error else "")
+
+
+def memory_kills() -> int:
+    """How many processes Linux has killed for lack of memory, of the computer or of a cgroup; 0 if it does not say."""
+    try:
+        found = re.search(r"^oom_kill (\d+)$", Path("/proc/vmstat").read_text("ascii"), re.MULTILINE)
+    except OSError:
+        return 0
+    return int(found[1]) if found else 0
 
 
 def reported_error(log: Path) -> str:

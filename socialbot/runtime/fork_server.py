@@ -17,6 +17,7 @@ import importlib
 import inspect
 import logging
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -33,11 +34,14 @@ import msgspec
 from socialbot.bridge.environment import CHANNEL_VARIABLE, has_keys
 from socialbot.core.decoding import from_json
 from socialbot.core.process import python_command
-from socialbot.core.process_guard import guard_child
+from socialbot.core.process_guard import guard_child, report_alive
 from socialbot.runtime._processes import (
+    LOOK_S,
     Process,
+    ProcessorWaits,
     blocked_signals,
     environment_of,
+    is_late,
     opened_log,
     start_process,
     until_parent_ends,
@@ -48,7 +52,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("socialbot.fork_server")
 
-ANSWER_S = 15.0  # time limit for the imports of the server, and for a fork
+ANSWER_S = 15.0
+"""Time limit for the imports of the server, and for a fork."""
 MAX_SERVERS = 3  # maximum number of server starts; later processes start without a server, as after a timeout
 POLL_S = 0.005
 MAX_ANSWER_BYTES = 64
@@ -161,6 +166,21 @@ class _Server:
         changed |= {name: value for name, value in variables.items() if self.variables.get(name) != value}
         self.socket.send(msgspec.json.encode(Setting(list(sys.path), list(modules), changed)))
 
+    def answer(self, *, is_first: bool) -> bytes:
+        """Wait for the answer to a request. Raises TimeoutError after `ANSWER_S`.
+
+        For the ``is_first`` server of a graph, time in which it waits for a processor does not count: without it, all
+        nodes would import the same. Later, nodes that run may have to be restarted meanwhile.
+        """
+        waits, begun = ProcessorWaits(self.process.pid), time.monotonic()
+        waits.longest_s(begun)
+        while not select.select([self.socket], [], [], LOOK_S)[0]:
+            report_alive()
+            now = time.monotonic()
+            if is_late(now - begun, waits.longest_s(now) if is_first else 0.0, ANSWER_S):
+                raise TimeoutError("timed out")
+        return self.socket.recv(MAX_ANSWER_BYTES)
+
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
@@ -246,7 +266,7 @@ class ForkServer:
             try:
                 with _adopting_orphans():
                     socket.send_fds(connection, [request], files)
-                    if answer := connection.recv(MAX_ANSWER_BYTES):
+                    if answer := self._server.answer(is_first=self._servers_left == MAX_SERVERS - 1):
                         return int(answer)
                 error = "the fork server has stopped"
             except OSError as failure:

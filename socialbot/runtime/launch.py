@@ -38,7 +38,9 @@ from socialbot.runtime._processes import (
     failure,
     how_it_ended,
     in_time,
+    is_late,
     log_file,
+    memory_kills,
     node_arguments,
     processes_of,
     reported_error,
@@ -187,7 +189,6 @@ _LACKS = frozenset({InstallationError.exit_code, DeviceError.exit_code})  # exit
 
 ABSENT_S = 1.0  # polls later than this are treated as a system suspend, which nodes share
 SILENT_S = 1.0  # time without a report from which on the wait for a processor is measured
-STARVED_LIMITS = 6  # so many time limits without a report are too many also for a process that waits for a processor
 Variables = Callable[[Collection[str]], Mapping[str, str]]
 """Function that returns environment variables for a process with these nodes."""
 
@@ -260,6 +261,7 @@ class Supervisor:
         self._policy = policy or RestartPolicy()
         self._rotation = Rotation()
         self._rotate_at = 0.0
+        self._memory_kills = (memory_kills(),) * 2  # some seconds ago, and now
         self._attended = math.inf
         self._fork_server = ForkServer(graph, folder)
         self._variables = variables
@@ -314,6 +316,7 @@ class Supervisor:
             self._go_on_bringing_up(now)
         if now >= self._rotate_at:
             self._rotate_at = now + ROTATE_EVERY_S
+            self._memory_kills = self._memory_kills[1], memory_kills()
             with contextlib.suppress(OSError):  # a full disk, or a folder that was removed meanwhile
                 logs = [log_file(self._folder, name) for name in self.members]
                 self._rotation.rotate_all([*logs, *environment.own_ros_logs()], self._folder / "ros")
@@ -459,7 +462,7 @@ class Supervisor:
             if silent_s > min(SILENT_S, limit_s / 2) and member.process is not None:
                 waits = member.waits.setdefault(node, ProcessorWaits(Path(f"/proc/{member.process.pid}/task")))
                 starved_s = waits.total_s(now)
-            if silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s:
+            if is_late(silent_s, starved_s, limit_s):
                 return f"{node} sent no report"
         is_endless = member.work is not None and member.work.longest_s(now) >= ENDLESS_S
         return "DDS works without end" if is_endless else ""
@@ -484,6 +487,8 @@ class Supervisor:
             return
         hung = f"hung ({member.hung})" if member.hung else ""
         what = hung or how_it_ended(code, reported_error(file))
+        if code == -signal.SIGKILL and not hung and memory_kills() > self._memory_kills[0]:
+            what += ", by Linux, as the memory of the computer or of its cgroup is full"
         member.last_error, member.is_down = what, True
         pause_s = member.backoff.killed(now) if hung else member.backoff.crashed(now)
         if pause_s is None:

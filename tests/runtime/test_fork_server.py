@@ -8,12 +8,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from socialbot.graph.files import load_graph
+from socialbot.runtime import _processes
 from socialbot.runtime import fork_server as fork_server_module
 from socialbot.runtime.fork_server import ForkedProcess, ForkServer, started_early
 from tests.system.running import eventually
@@ -118,6 +120,31 @@ def test_a_server_that_does_not_answer_is_asked_once(
         assert [process.wait(WAIT_S) for process in processes] == [4, 4]
         assert [record.getMessage() for record in caplog.records] == ["0 starts without a fork server: timed out"]
     finally:
+        fork_server.close()
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
+def test_the_first_server_may_wait_for_a_processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """On a busy machine, nodes that start without it would each import what it imports once."""
+    core = min(os.sched_getaffinity(0))
+    monkeypatch.setattr(fork_server_module, "ANSWER_S", 4.0)
+    monkeypatch.setattr(_processes, "STARVED_LIMITS", 100)
+    fork_server = ForkServer(load_graph("waldo"), tmp_path)
+    busy = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: pass"
+    rivals = [subprocess.Popen([sys.executable, "-S", "-c", busy]) for _ in range(2)]
+    try:
+        fork_server.prepare()
+        assert fork_server.server_pid
+        os.sched_setaffinity(fork_server.server_pid, [core])
+        os.setpriority(os.PRIO_PROCESS, fork_server.server_pid, 5)
+        begun = time.monotonic()
+        process = fork_server.start(UNKNOWN_NODE, tmp_path / "log")
+        assert isinstance(process, ForkedProcess), f"after {time.monotonic() - begun:.1f} s"
+        assert process.wait(WAIT_S) == 4
+    finally:
+        for rival in rivals:
+            rival.kill()
+            rival.wait()
         fork_server.close()
 
 

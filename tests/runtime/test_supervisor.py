@@ -9,7 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partialmethod
 from pathlib import Path
@@ -24,9 +24,9 @@ from socialbot.bridge.shared_memory import PortWatch
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.runtime import _lost_publishers, _processes
-from socialbot.runtime._processes import ProcessorWaits, RestartPolicy
+from socialbot.runtime._processes import STARVED_LIMITS, ProcessorWaits, RestartPolicy
 from socialbot.runtime.fork_server import PR_SET_NAME, ForkServer
-from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, STARVED_LIMITS, Supervisor
+from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 
 pytestmark = pytest.mark.ros
 
@@ -70,6 +70,27 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     return bodies
 
 
+@pytest.fixture
+def memory_group() -> Iterator[Path]:
+    """File that takes the processes of a cgroup with 50 MB of memory. Skips the test where none can be made."""
+    root = Path("/sys/fs/cgroup/memory" if Path("/sys/fs/cgroup/memory").exists() else "/sys/fs/cgroup")
+    group = root / f"socialbot-test-{os.getpid()}"
+    try:
+        group.mkdir()
+    except OSError as error:
+        pytest.skip(f"no cgroup: {error.strerror}")
+    try:
+        limit = next(
+            (file for name in ("memory.limit_in_bytes", "memory.max") if (file := group / name).exists()), None
+        )
+        if limit is None:
+            pytest.skip("no cgroup with a limit of memory")
+        limit.write_text("50000000")
+        yield group / "cgroup.procs"
+    finally:
+        group.rmdir()
+
+
 def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 60.0) -> bool:
     deadline = monotonic() + timeout_s
     while not until():
@@ -109,6 +130,21 @@ def test_the_log_that_ros_writes_for_this_process_is_rotated(
     with Supervisor(GRAPH, tmp_path / "run", policy=POLICY) as supervisor:
         assert attended(supervisor, lambda: log.stat().st_size == 0)
         assert other.stat().st_size == 6_000_000
+
+
+def test_a_process_that_linux_killed_for_lack_of_memory_is_reported_so(
+    scripts: dict[str, str], tmp_path: Path, memory_group: Path
+) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    with open("{memory_group}", "w") as group:
+        group.write(str(os.getpid()))
+    taken = bytearray(b"1" * 200_000_000)
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: one.restarts == 1 and one.state == "active")
+        assert one.last_error.startswith("was ended by signal 9, by Linux, as the memory")
 
 
 def test_renews_processes_started_between_two_times(scripts: dict[str, str], tmp_path: Path) -> None:
