@@ -118,13 +118,10 @@ class ProcessorWaits:
 
     Linux adds a wait to its count when it ends. A wait that goes on is counted here: the time in which a thread was
     ready, began no new period on a processor, and did not run.
-
-    Args:
-        tasks: Folder of the threads, ``/proc/PID/task``.
     """
 
-    def __init__(self, tasks: Path) -> None:
-        self._tasks = tasks
+    def __init__(self, pid: int, proc: Path = Path("/proc")) -> None:
+        self._tasks = proc / str(pid) / "task"
         self._waits: dict[str, _Wait] = {}
         self._counted_s: dict[str, float] = {}
         self._total_s = 0.0

@@ -173,11 +173,11 @@ class _Server:
         nodes would import the same. Later, nodes that run may have to be restarted meanwhile.
         """
         waits, begun = ProcessorWaits(self.process.pid), time.monotonic()
-        waits.longest_s(begun)
+        waits.total_s(begun)
         while not select.select([self.socket], [], [], LOOK_S)[0]:
             report_alive()
             now = time.monotonic()
-            if is_late(now - begun, waits.longest_s(now) if is_first else 0.0, ANSWER_S):
+            if is_late(now - begun, waits.total_s(now) if is_first else 0.0, ANSWER_S):
                 raise TimeoutError("timed out")
         return self.socket.recv(MAX_ANSWER_BYTES)
 

@@ -460,7 +460,7 @@ class Supervisor:
             silent_s = now - reported_at
             starved_s = 0.0
             if silent_s > min(SILENT_S, limit_s / 2) and member.process is not None:
-                waits = member.waits.setdefault(node, ProcessorWaits(Path(f"/proc/{member.process.pid}/task")))
+                waits = member.waits.setdefault(node, ProcessorWaits(member.process.pid))
                 starved_s = waits.total_s(now)
             if is_late(silent_s, starved_s, limit_s):
                 return f"{node} sent no report"

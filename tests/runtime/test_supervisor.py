@@ -370,7 +370,7 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
             one = supervisor.members["one"]
             assert attended(supervisor, lambda: one.states.get("one") == "active")
             reported_at = one.reported_at["one"]
-            waits, waited_s = ProcessorWaits(Path(f"/proc/{supervisor.pids['one']}/task")), 0.0
+            waits, waited_s = ProcessorWaits(supervisor.pids["one"]), 0.0
 
             def is_restarted() -> bool:
                 nonlocal waited_s
@@ -387,15 +387,16 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
         rival.wait()
 
 
-def note_thread(tasks: Path, name: str, state: str, ran_s: float, waited_s: float, periods: int) -> None:
-    (tasks / name).mkdir(exist_ok=True)
-    (tasks / name / "stat").write_text(f"1 (python) {state} 1")
-    (tasks / name / "schedstat").write_text(f"{ran_s * 1e9:.0f} {waited_s * 1e9:.0f} {periods}\n")
+def note_thread(proc: Path, name: str, state: str, ran_s: float, waited_s: float, periods: int) -> None:
+    task = proc / "1" / "task" / name
+    task.mkdir(parents=True, exist_ok=True)
+    (task / "stat").write_text(f"1 (python) {state} 1")
+    (task / "schedstat").write_text(f"{ran_s * 1e9:.0f} {waited_s * 1e9:.0f} {periods}\n")
 
 
 def test_threads_that_wait_for_each_other_wait_together(tmp_path: Path) -> None:
     """One holds Python's lock and waits for a processor, then the other: each for half of the time."""
-    waits = ProcessorWaits(tmp_path)
+    waits = ProcessorWaits(1, tmp_path)
     waited_s = [5.0, 70.0]
     for turn in range(21):
         for index, name in enumerate("ab"):
@@ -405,7 +406,7 @@ def test_threads_that_wait_for_each_other_wait_together(tmp_path: Path) -> None:
 
 
 def test_threads_that_wait_at_once_count_once(tmp_path: Path) -> None:
-    waits = ProcessorWaits(tmp_path)
+    waits = ProcessorWaits(1, tmp_path)
     for turn in range(21):
         for name in "ab":
             note_thread(tmp_path, name, "R", 1.0, 5.0, 7)
