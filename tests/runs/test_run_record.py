@@ -214,7 +214,7 @@ def test_a_removed_run_is_made_again_while_another_thread_records(tmp_path):
     def see_nodes() -> None:
         try:
             for number in range(3000):
-                record.observe("/health", Health(stamp=number, node=f"n{number}", state="active"))
+                record.observe("/health", Health(stamp=number, node=f"n{number}", state="ok"))
         except Exception as error:  # noqa: BLE001 - the test asserts that there is none
             errors.append(error)
 
