@@ -41,6 +41,7 @@ NOT_TYPED = (
     "howto/reception.md",
     "howto/robots.md",
     "howto/simulation.md",
+    "howto/study.md",
     "howto/teams.md",
 )
 """Pages with files for services elsewhere, with excerpts, or with commands for a microphone, a robot or an extra."""
@@ -63,6 +64,7 @@ def test_all_howto_pages_exist() -> None:
         "robots",
         "services",
         "simulation",
+        "study",
         "teams",
         "topics",
         "voices",
