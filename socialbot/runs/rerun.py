@@ -100,7 +100,9 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     with _whole(out, recording):
         with _writing(out):
             out.parent.mkdir(parents=True, exist_ok=True)
-            recording.save(out, default_blueprint=layout(run, importlib.import_module("rerun.blueprint")))
+            recording.save(out)
+        # `save` with a blueprint waits for its thread, without end if that cannot write.
+        recording.send_blueprint(layout(run, importlib.import_module("rerun.blueprint")))
         recording.send_recording_name(run.title)
         show = _RerunExport(rerun, recording, run)
         if bag is not None:
