@@ -41,6 +41,9 @@ LEAST_SCORE_FREE = 0.92
 LEAST_SCORE_URGENT = 0.88
 """The same for phrases of urgent intents: a false alarm sends people away."""
 
+SHORT_WORDS, MUCH_LEFT = 2, 6
+"""A match of so few words must be exact beside so many others, unless it is urgent or expected."""
+
 _EXTRA_WORD = 0.25  # cost of a word between those of a phrase; a missing word costs 1
 _FREE_WORD = 0.75  # what a word of a free text counts less than a word of a phrase
 _JOINED = 0.05  # what a name counts less that is split or joined differently
@@ -265,6 +268,9 @@ class Grammar:
                 continue
             left = len(beside.difference(range(match.start, match.end)))
             if variant.is_whole and left:
+                continue
+            is_weak = score < 1 and match.words <= SHORT_WORDS and left >= MUCH_LEFT
+            if is_weak and not variant.intent.urgent and not is_expected:
                 continue
             slots = dict(match.slots)
             filled = tuple(slots.get(name, "") for name in variant.intent.slots)

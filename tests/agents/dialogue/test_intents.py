@@ -219,3 +219,18 @@ def test_a_clause_without_the_negation_is_read(text, language):
     reading = GRAMMAR.read(text, language)
     assert (reading.intent, reading.slots) == ("call", ("anna",))
     assert not GRAMMAR.read("Don't call Anna, don't call Bob.", "en")
+
+
+def test_a_short_phrase_with_errors_is_no_phrase_of_a_long_sentence():
+    """One word like "help" or "stop" is in many sentences that ask for nothing."""
+    phrases = {
+        "help": Intent("help", phrases={"en": ["help [me]"]}),
+        "alarm": Intent("alarm", phrases={"en": ["is trapped"]}, urgent=True),
+    }
+    grammar = Grammar(phrases.values(), {})
+    long = "these are single pictures so no box of another picture helps"
+    assert grammar.read("helps", "en").intent == grammar.read("no picture helps", "en").intent == "help"
+    assert grammar.read(long, "en").intent == UNKNOWN
+    assert grammar.read(long, "en", expected=["help"]).intent == "help"
+    assert grammar.read(long.replace("helps", "help"), "en").intent == "help"
+    assert grammar.read("my daughter is traped in the lift behind the second door", "en").intent == "alarm"
