@@ -425,6 +425,7 @@ class Graph:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nodes", tuple(self._with_receivers()))
+        object.__setattr__(self, "nodes", tuple(self._with_own_ids()))
         self.check()
 
     def _with_receivers(self) -> Iterator[NodeConfig]:
@@ -439,6 +440,20 @@ class Graph:
                 found = (name for name, topics in listening.items() if config.topic(port, name) in topics)
                 known[port.name] = tuple(dict.fromkeys((*known.get(port.name, ()), *found)))
             yield replace(config, receivers=known) if known != config.receivers else config
+
+    def _with_own_ids(self) -> Iterator[NodeConfig]:
+        """The nodes; a second detector without an ``id_prefix`` begins its ids with its name."""
+        known: set[object] = set()
+        for config in self.nodes:
+            if (declared := config.type.parameters().get("id_prefix")) is None:
+                yield config
+                continue
+            prefix = config.parameters.get("id_prefix", declared.default)
+            if prefix in known and "id_prefix" not in config.parameters:
+                prefix = f"{config.name}_"
+                config = replace(config, parameters={**config.parameters, "id_prefix": prefix})
+            known.add(prefix)
+            yield config
 
     def check(self) -> None:
         """Check the graph. Raises GraphError or ParameterError."""

@@ -145,7 +145,9 @@ class PersonDetector(Node):
         maximum=600.0,
     )
     id_prefix = Parameter(
-        "", "begin of the ids of people, such as rear_; each camera of a graph has its own", fixed=True
+        "",
+        "begin of the ids of people, such as rear_; a second camera has its name by default",
+        fixed=True,
     )
     hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
     faces = Parameter(True, "search the faces of near people; needs a tracker, not with hog", fixed=True)

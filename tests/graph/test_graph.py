@@ -265,15 +265,21 @@ def test_a_graph_that_does_not_fit_together_is_refused(configs, more, words):
     assert caught.value.remedy
 
 
-def test_two_cameras_that_give_people_the_same_ids_are_refused():
+def test_two_cameras_give_people_different_ids():
     """Records, agents and questions know people by their ids alone."""
     rear = {name: f"/rear/{name}" for name in ("image", "camera_info", "detections", "annotations")}
     inputs = frozenset({"/camera/image_color", "/camera/camera_info", "/rear/image", "/rear/camera_info"})
     front = NodeConfig("front", PersonDetector)
+
+    def prefix(**given: str) -> object:
+        made = graph(front, NodeConfig("rear", PersonDetector, given, rear), inputs=inputs)
+        assert "id_prefix" not in made.node("front").parameters
+        return made.node("rear").parameters["id_prefix"]
+
+    assert (prefix(), prefix(id_prefix="back_")) == ("rear_", "back_")
     with pytest.raises(GraphError, match="front and rear give people the same ids") as caught:
-        graph(front, NodeConfig("rear", PersonDetector, {}, rear), inputs=inputs)
+        prefix(id_prefix="")
     assert caught.value.remedy == "set rear.id_prefix: rear_"
-    graph(front, NodeConfig("rear", PersonDetector, {"id_prefix": "rear_"}, rear), inputs=inputs)
 
 
 def test_a_topic_without_a_slash_is_that_of_ros():
