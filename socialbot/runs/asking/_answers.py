@@ -150,9 +150,10 @@ def answer_heard(
     """Answer a spoken question whose recognised texts are ``texts``, the most likely one first.
 
     The first one counts. Only if it has words that no record has, they may be misheard: then the first other text that
-    is answered, has words of a similar sound in their places, and denies as much as the first one, is taken. A text
-    with a letter more, as in "carrier A", counts before one without it: unstressed letters are missed easily. Last, a
-    word that no record has is taken for the only name that sounds the same: "Scott" for "scout".
+    is answered, has words of a similar sound in their places, and denies as much as the first one, is taken. If it is
+    not understood, each word that is not one of grammar may be misheard. A text with a letter more, as in "carrier A",
+    counts before one without it: unstressed letters are missed easily. Last, a word that no record has is taken for the
+    only name that sounds the same: "Scott" for "scout".
 
     Args:
         texts: The texts, at least one.
@@ -169,10 +170,12 @@ def answer_heard(
     unknown = {
         word for one in first.clauses if one.claim.kind == "not_named" for word in tokens(" ".join(one.claim.what))
     }
+    words, language = tokens(texts[0]), LANGUAGES[first.language]
+    if not first.known and not first.intent:
+        unknown.update(word for word in words if word not in language.known_words)
     if first.known or not unknown:
         return texts[0], first
-    negations = LANGUAGES[first.language].single_words("not")
-    words = tokens(texts[0])
+    negations = language.single_words("not")
     for text in (*texts[1:], _with_names(texts[0], unknown, names)):
         others = tokens(text)
         if _is_misheard(words, others, unknown) and negations.intersection(words) == negations.intersection(others):

@@ -146,7 +146,7 @@ class Subjects:
     @cached_property
     def recorded_words(self) -> Set[str]:
         """Words of records and rules, of deeds, and of the names that agents declare."""
-        texts = {each.what for each in self.history if each.kind in _TELLING or each.kind == "hearing"}
+        texts = {each.what for each in (*(one for one in self.history if one.kind in _TELLING), *self.heard)}
         words = {word for text in (*texts, *self.plans, *self.agents) for word in tokens(text)} | self.names
         declared = (words for topic in self.topics for words in topic.words.values())
         words |= {word for phrases in declared for phrase in phrases for word in phrase}

@@ -486,6 +486,9 @@ def test_the_end_of_a_belief_is_a_reason_in_words(question: str, text: str) -> N
         ("Why did you creep me?", ["Why did you greet me?"], 1),
         ("Why did you creep the second for stir?", ["Why did you greet the second visitor?"], 1),
         ("Why did you creep me?", ["Why did you creep knee?", "What did you creep?", "Why did you greet me?"], 3),
+        ("Why did you read me?", ["Why did you greet me?", "Why did you treat me?"], 1),
+        ("Why did you read me?", ["Why did you leave me?"], 0),
+        ("Why did you read me?", ["Why did you juggle?"], 0),
         ("Why did you creep me?", [], 0),
         ("Why did you juggle?", ["Why did you greet me?"], 0),  # nothing that sounds alike
         ("Why didn't you creep me?", ["Why did you greet me?"], 0),
@@ -498,6 +501,19 @@ def test_another_recognised_text_counts_only_for_misheard_words(waldo, heard, al
     text, found = answer_heard(texts, partial(answer, waldo))
     assert text == texts[taken]
     assert found == answer(waldo, text)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_the_words_of_a_spoken_question_may_be_misheard(waldo, times):
+    """The record of a question does not make its words known, not even if it is asked again."""
+    texts = ["Why did you read me?", "Why did you greet me?"]
+    last = list(waldo.history)[-1]
+    asked = [
+        TraceRecord(stamp=last.stamp + n * SECOND, id=f"heard-{n}", source="ears", kind="hearing", what=texts[0])
+        for n in range(times)
+    ]
+    run = RunView(waldo.graph, History([*waldo.history, *asked]), None)
+    assert answer_heard(texts, partial(answer, run, asked_as=asked[-1].id))[0] == texts[1]
 
 
 @pytest.mark.parametrize(
