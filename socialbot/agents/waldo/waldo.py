@@ -219,6 +219,8 @@ class PersonSensor(Sensor):
             return self._lose_sight()
         if self._frames and 0 <= self._frames[-1].stamp - percept.stamp <= nanoseconds(OVERTAKEN_S):
             return None
+        if self._alone is None and not self._frames:  # The loss is no absence; rules say how long it may last.
+            self._gone |= {one: percept.stamp for one in self._lost if self._gone.get(one) == self._lost_at}
         self._look(percept)
         changes = [*self._leave(percept.stamp), *self._forget(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:

@@ -106,6 +106,15 @@ def test_remembers_people_across_a_gap(scenes, did):
     assert what(corridor) == did
 
 
+def test_a_loss_that_is_believed_late_is_no_absence():
+    """Frames have stopped for longer than people are remembered, but Waldo noticed it less than that before."""
+    corridor = Corridor(forget_after_s=4.0, silent_after_s=2.0)
+    corridor.until(5, ANNA)
+    gap(corridor, 4.5)
+    corridor.see(ANNA, times=20)
+    assert what(corridor) == ["greeting", "stayIdle", "attend"]
+
+
 def test_repeated_gaps_cause_no_second_greeting_or_offer():
     corridor = Corridor()
     corridor.until(12, ANNA)
