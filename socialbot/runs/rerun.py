@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
+import shutil
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import Any, BinaryIO
 
 from socialbot.bags.reader import Bag
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import BagError, InstallationError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
-from socialbot.core.paths import CHECK_DISK
-from socialbot.core.process import skip_cleanup
+from socialbot.core.paths import writing
 from socialbot.runs._streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.standard_messages import AHEAD, HEAD_HZ, HeadCourse, HeadPose, Mounting, mounting_of, place_of
@@ -69,6 +70,8 @@ RUN, STAMP = "run", "stamp"
 WIDEST = 65_535
 """Largest width of a JPEG, so that images keep their size."""
 
+_CHUNK = 65_536
+
 Colour = tuple[int, int, int]
 
 COLOURS: tuple[Colour, ...] = (
@@ -76,9 +79,6 @@ COLOURS: tuple[Colour, ...] = (
 )  # fmt: skip
 GREY: Colour = (154, 160, 166)
 GAZE: Colour = (255, 213, 74)
-
-FLUSH_S = 300.0
-"""Time limit (s) for a part of a recording to be written."""
 
 BODY_M, SHOULDERS_M = 1.7, 0.22
 
@@ -97,46 +97,64 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     except ImportError as error:
         raise InstallationError("Rerun is not installed", remedy=extra_command("rerun")) from error
     recording = rerun.RecordingStream("socialbot")
-    with _whole(out, recording):
-        with _writing(out):
-            out.parent.mkdir(parents=True, exist_ok=True)
-            recording.save(out)
-        # `save` with a blueprint waits for its thread, without end if that cannot write.
-        recording.send_blueprint(layout(run, importlib.import_module("rerun.blueprint")))
-        recording.send_recording_name(run.title)
-        show = _RerunExport(rerun, recording, run)
-        if bag is not None:
-            show.pictures(bag)
-        for part in (show.people, show.head, show.log, show.minds):
-            part()
-            with _writing(out):
-                recording.flush(timeout_sec=FLUSH_S)
-        recording.disconnect()
-
-
-_unfinished: list[Any] = []
-"""Recordings that could not be written. Rerun may wait for its threads without end when it frees one."""
-
-
-@contextmanager
-def _whole(out: Path, recording: Any) -> Iterator[None]:
-    """Remove the file after an exception: the next export would refuse to write over it. Let the process end then."""
+    piped = _PipedFile(out)
     try:
-        yield
+        with closing(piped):
+            recording.save(piped.path)
+            try:
+                recording.send_blueprint(layout(run, importlib.import_module("rerun.blueprint")))
+                recording.send_recording_name(run.title)
+                show = _RerunExport(rerun, recording, run, piped)
+                if bag is not None:
+                    show.pictures(bag)
+                for part in (show.people, show.head, show.log, show.minds):
+                    part()
+            finally:
+                recording.disconnect()
     except BaseException:
-        _unfinished.append(recording)
-        skip_cleanup()
-        out.unlink(missing_ok=True)
+        out.unlink(missing_ok=True)  # the next export would refuse to write over it
         raise
 
 
-@contextmanager
-def _writing(out: Path) -> Iterator[None]:
-    """Raise BagError instead of the errors of Rerun, whose thread writes the file."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        raise BagError(f"cannot be written: {error}", where=str(out), remedy=CHECK_DISK) from error
+class _PipedFile:
+    """New file behind a pipe, since Rerun waits for its thread without end if that cannot write.
+
+    Raises:
+        BagError: The file cannot be made.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._failed: OSError | None = None
+        with writing(out, BagError):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            file = out.open("xb")
+        reading, self._writing = os.pipe()
+        self.path = Path(f"/dev/fd/{self._writing}")
+        self._thread = Thread(target=self._copy, args=(reading, file), name="rerun-file", daemon=True)
+        self._thread.start()
+
+    def _copy(self, reading: int, file: BinaryIO) -> None:
+        with open(reading, "rb") as pipe:
+            try:
+                with file:
+                    shutil.copyfileobj(pipe, file)
+            except OSError as error:
+                self._failed = error
+                while pipe.read(_CHUNK):
+                    pass
+
+    def check(self) -> None:
+        """Raise BagError if the file could not be written."""
+        with writing(self._out, BagError):
+            if self._failed is not None:
+                raise self._failed
+
+    def close(self) -> None:
+        """Wait until the file is complete. Raises BagError if it could not be written."""
+        os.close(self._writing)
+        self._thread.join()
+        self.check()
 
 
 @dataclass
@@ -144,6 +162,7 @@ class _RerunExport:
     rerun: Any
     recording: Any
     run: RecordedRun
+    file: _PipedFile
 
     def __post_init__(self) -> None:
         self._mounting = mounting_of(self.run.graph) if self.run.graph else Mounting()
@@ -205,6 +224,7 @@ class _RerunExport:
         self.recording.set_time(STAMP, timestamp=stamp / 1e9)
 
     def _log(self, entity: str, what: Any, *, static: bool = False) -> None:
+        self.file.check()
         self.recording.log(entity, what, static=static)
 
     def _place_camera(self, head: HeadPose, *, static: bool = False) -> None:

@@ -275,7 +275,6 @@ def test_a_full_disk_is_reported_for_the_file_and_leaves_nothing(run: RecordedRu
     assert not list(out.parent.iterdir())
 
 
-@pytest.mark.slow  # Rerun itself waits for minutes now and then on a busy machine
 def test_a_rerun_recording_that_cannot_be_written_leaves_no_file(run: RecordedRun, tmp_path: Path) -> None:
     """Rerun writes in a thread, so the error comes at the end; in a process of its own, for which Rerun would wait."""
     pytest.importorskip("rerun")
