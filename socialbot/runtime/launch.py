@@ -318,7 +318,7 @@ class Supervisor:
             self._rotate_at = now + ROTATE_EVERY_S
             self._memory_kills = self._memory_kills[1], memory_kills()
             with contextlib.suppress(OSError):  # a full disk, or a folder that was removed meanwhile
-                logs = [log_file(self._folder, name) for name in self.members]
+                logs = self._folder.glob("*.log")  # of nodes, the discovery server and the fork server
                 self._rotation.rotate_all([*logs, *environment.own_ros_logs()], self._folder / "ros")
         for member in self.members.values():
             if member.process is not None:

@@ -132,6 +132,14 @@ def test_the_log_that_ros_writes_for_this_process_is_rotated(
         assert other.stat().st_size == 6_000_000
 
 
+def test_logs_of_servers_beside_the_nodes_are_rotated(scripts: dict[str, str], tmp_path: Path) -> None:
+    log = tmp_path / "discovery_server.log"
+    log.write_bytes(bytes(6_000_000))
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        assert attended(supervisor, lambda: log.stat().st_size == 0, 10.0)
+    assert log.with_name("discovery_server.log.1").stat().st_size == 6_000_000
+
+
 def test_a_process_that_linux_killed_for_lack_of_memory_is_reported_so(
     scripts: dict[str, str], tmp_path: Path, memory_group: Path
 ) -> None:
