@@ -234,7 +234,8 @@ def shared_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
     if not folder.is_dir():
         return Finding(name, "warning", f"there is no {folder}; pictures go by UDP", f"mount a tmpfs on {folder}")
     if not os.access(folder, os.W_OK | os.X_OK):
-        return Finding(name, "warning", f"{folder} cannot be written; pictures go by UDP", f"chmod 1777 {folder}")
+        remedy = f"mount it writable, and chmod 1777 {folder}"
+        return Finding(name, "warning", f"{folder} cannot be written; pictures go by UDP", remedy)
     free = shutil.disk_usage(folder).free
     if free < SHARED_MEMORY_BYTES:
         text = f"{free / MB:.0f} MB free in {folder}; each process takes {SEGMENT_BYTES // MB} MB"

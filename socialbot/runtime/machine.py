@@ -16,6 +16,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in, unconnected
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
 from socialbot.bridge.graph_observer import LostWatch, SpinWatch, expect_free_names, observe_graph
+from socialbot.bridge.ros_checks import shared_memory
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
 from socialbot.bridge.shared_memory import LOST_PORT, PortWatch
 from socialbot.bridge.translator import with_standard_types
@@ -68,6 +69,8 @@ class LiveSource(RunSource):
     def execute(self, execution: Execution) -> None:
         """Raises what `Supervisor.attend` does."""
         watch = ClockWatch(WallClock())
+        if (memory := shared_memory()) is not None and memory.state != "ok":
+            log.warning("%s: %s", memory.text, memory.remedy)
         well: frozenset[str] | None = None
         while not execution.ending.asked:
             up = _NodesUp(self, execution, watch, well)

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pytest
 from socialbot.bridge.environment import spinning_node
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import open_run
-from tests.system.running import PATIENCE_S, eventually, running, socialbot
+from tests.system.running import PATIENCE_S, BackgroundCommand, eventually, running, socialbot
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -86,6 +87,22 @@ def test_a_graph_goes_on_without_its_record_and_records_again(pictures: Path, di
     lines = (run / "trace.jsonl").read_bytes().splitlines()
     assert [msgspec.json.decode(line, type=TraceRecord) for line in lines]
     assert open_run(run).problems == []
+
+
+def test_missing_shared_memory_is_named_at_the_start(pictures: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "socialbot", "up", "--camera", str(pictures), "--out", str(tmp_path / "run")]
+    script = 'mount -t tmpfs -o ro none /dev/shm && exec "$@"'
+    with (tmp_path / "output").open("w") as file:
+        process = BackgroundCommand(["unshare", "-m", "sh", "-c", script, "sh", *command], file)
+        try:
+            if not eventually(lambda: "pictures go by UDP" in process.output() or process.poll() is not None):
+                pytest.fail(process.output())
+            if "ermi" in process.output() and process.poll() is not None:
+                pytest.skip(f"no own mounts: {process.output().strip()}")
+            assert "/dev/shm cannot be written; pictures go by UDP: mount it writable" in process.output()
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
 
 
 def test_a_disk_that_cannot_be_written_is_named_at_the_start(pictures: Path, disk: Path) -> None:
