@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import math
 import os
+import pwd
 import re
 import tempfile
 import time
@@ -60,6 +61,27 @@ def remove_stale(folder: Path = SHARED) -> int:
             lock.unlink()
             removed += 1
     return removed
+
+
+_PORT = re.compile(r"fastrtps_port(\d+)")
+
+
+def other_users(domain: int, folder: Path = SHARED) -> list[str]:
+    """Names of other users who use a ROS domain. DDS gives node names and images only to the same user."""
+    ports = range(7400 + 250 * domain, 7650 + 250 * domain)
+    found: set[int] = set()
+    for path in folder.glob("fastrtps_port*"):
+        if (name := _PORT.fullmatch(path.name)) and int(name[1]) in ports:
+            with contextlib.suppress(FileNotFoundError):
+                found.add(path.stat().st_uid)
+    return sorted(map(_user_name, found - {os.getuid()}))
+
+
+def _user_name(number: int) -> str:
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return f"user {number}"
 
 
 CHECK_S = 1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -210,8 +209,13 @@ def _figures(one: NodeStatus) -> dict[str, str]:
 
 def _summary(statuses: Sequence[NodeStatus]) -> Text:
     if not statuses:
-        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        hint = "" if domain != "0" else "; replay, run and demo use an own domain: they print it with -v"
+        from socialbot.bridge.environment import ros_domain
+        from socialbot.bridge.shared_memory import other_users
+
+        domain = ros_domain()
+        hint = "" if domain else "; replay, run and demo use an own domain: they print it with -v"
+        if users := other_users(domain):
+            hint = f"; {' and '.join(users)} may run nodes there: only the same user sees them"
         return Text(f"no node found in ROS domain {domain}{hint}", style="yellow")
     well = sum(one.is_well for one in statuses)
     if well == len(statuses):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import pwd
 import subprocess
 import sys
 import threading
@@ -19,7 +20,16 @@ from std_msgs.msg import String
 
 from socialbot.bridge import shared_memory
 from socialbot.bridge.environment import ros_context
-from socialbot.bridge.shared_memory import CHECK_S, LOST_CHECKS, SHARED, YOUNG_S, PortWatch, remove_stale, stale_locks
+from socialbot.bridge.shared_memory import (
+    CHECK_S,
+    LOST_CHECKS,
+    SHARED,
+    YOUNG_S,
+    PortWatch,
+    other_users,
+    remove_stale,
+    stale_locks,
+)  # fmt: skip
 from tests.system.running import eventually
 
 DEAD, ALIVE, YOUNG = "0123456789abcdef", "fedcba9876543210", "00000000deadbeef"
@@ -244,3 +254,12 @@ def test_a_new_publisher_does_not_reach_a_subscriber_whose_port_was_removed() ->
                 sleep(0.1)
         assert "after" not in heard
         assert [checks() for _ in range(LOST_CHECKS)][-1]
+
+
+def test_other_users_of_a_domain_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("fastrtps_port7411", "fastrtps_port7661", "fastrtps_port7411_el", "fastrtps_0123456789abcdef"):
+        (tmp_path / name).touch()
+    assert other_users(0, tmp_path) == []
+    monkeypatch.setattr(shared_memory.os, "getuid", lambda: os.geteuid() + 1)
+    assert other_users(0, tmp_path) == other_users(1, tmp_path) == [pwd.getpwuid(os.geteuid()).pw_name]
+    assert other_users(2, tmp_path) == []

@@ -8,6 +8,7 @@ import json
 import pytest
 from rich.console import Console
 
+from socialbot.bridge import shared_memory
 from socialbot.cli._runs import print_json
 from socialbot.cli.status import Screen, as_data, in_short, in_the_middle, page
 from socialbot.core.messages import Health, State
@@ -210,8 +211,10 @@ def test_nodes_of_one_process_show_its_costs_once():
     assert lines[-1] == "all 2 nodes are well"
 
 
-def test_a_domain_without_nodes_is_said():
+def test_a_domain_without_nodes_is_said(monkeypatch):
     assert "no node found in ROS domain" in shown([])
+    monkeypatch.setattr(shared_memory, "other_users", lambda domain: ["ann"])
+    assert "; ann may run nodes there: only the same user sees them" in shown([])
 
 
 def test_scripts_get_the_same_as_json(roll, capsys):
