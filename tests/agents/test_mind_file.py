@@ -62,6 +62,17 @@ def test_state_that_could_not_be_saved_is_saved_later(tmp_path: Path, caplog: py
     assert caplog.text.count("cannot save its state") == 1
 
 
+def test_state_of_an_idle_agent_that_could_not_be_saved_is_saved_later(tmp_path: Path) -> None:
+    folder = tmp_path / "minds"
+    folder.write_text("")
+    runner, thinker = thinking(folder / "mind.json")
+    thinker.engine.believe(thing("seen"))
+    runner.advance(SECOND)
+    folder.unlink()
+    runner.advance(2 * SECOND)
+    assert "seen" in (folder / "mind.json").read_text()
+
+
 def test_beliefs_keep_their_begin(tmp_path: Path) -> None:
     corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
     corridor.see(ANNA, times=20)

@@ -13,7 +13,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.graph.node import Node, Timer
 
 LOOK_EVERY_S = 1.0
-"""Time between two looks whether the state must be saved again."""
+"""Time (s) between two looks for the file, and before a failed save is tried again."""
 
 SAVE_EVERY_S = 0.2
 """Minimum time between two saves of a mind."""
@@ -34,6 +34,7 @@ class StateFile:
         self._write = write
         self._failed = False
         self._next_look = 0
+        self._retry: Timer | None = None
 
     def changed(self) -> None:
         """Save the state."""
@@ -45,17 +46,25 @@ class StateFile:
             self._finished(None)
 
     def look(self) -> None:
-        """Save the state again if that failed or the file was removed; at most once a second."""
+        """Save the state again if the file was removed; at most once a second."""
         now = self._node.clock.now()
         if now >= self._next_look:
             self._next_look = now + nanoseconds(LOOK_EVERY_S)
-            if self._failed or not self._path.exists():
+            if not self._path.exists():
                 self.changed()
 
     def _finished(self, error: Exception | None) -> None:
         if error is not None and not self._failed:
             self._node.log.warning("cannot save its state: %s", error)
         self._failed = error is not None
+        if self._failed and self._retry is None:  # an idle node may not look for a long time
+            at = self._node.clock.now() + nanoseconds(LOOK_EVERY_S)
+            self._retry = self._node.context.call_at(at, self._try_again)
+
+    def _try_again(self) -> None:
+        self._retry = None
+        if self._failed:
+            self.changed()
 
 
 class MindFile(StateFile):
@@ -102,6 +111,8 @@ class MindFile(StateFile):
                 self._write()
             except (saving.MindError, OSError) as error:
                 self._finished(error)
+        if self._retry is not None:
+            self._retry.cancel()
 
     def _save(self) -> None:
         self._due = None
