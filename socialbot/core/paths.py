@@ -156,10 +156,12 @@ def in_workspace(path: str | Path, *, where: str) -> Path:
 def user_folder(variable: str, default: str) -> Path:
     """Return the folder that ``variable`` names, or ``default`` in the home folder.
 
+    A relative path in a variable of XDG is ignored, as its specification says: it would be another folder elsewhere.
+
     Raises:
         ParameterError: The user has no home folder, as in some containers.
     """
-    if named := os.environ.get(variable):
+    if (named := os.environ.get(variable)) and (os.path.isabs(named) or not variable.startswith("XDG_")):
         return Path(named)
     try:
         return Path.home() / default

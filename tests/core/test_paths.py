@@ -172,3 +172,5 @@ def test_a_user_without_a_home_folder_has_to_name_one(monkeypatch):
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", "/home/robot")
     assert user_folder("XDG_STATE_HOME", ".local/state") == Path("/home/robot/.local/state")
+    monkeypatch.setenv("XDG_STATE_HOME", "relative/state")
+    assert user_folder("XDG_STATE_HOME", ".local/state") == Path("/home/robot/.local/state")
