@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import time
+import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import urlsplit
 
 import typer
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import PORT, MachineOption, PortOption, join, run_folders
 from socialbot.cli._runs import print_problems
+from socialbot.core.paths import user_folder, writing
 from socialbot.core.process import Ending
 
 if TYPE_CHECKING:
@@ -67,7 +71,9 @@ def inspect(
             print_problems(run)
             title = str(run.folder)
         served = stack.enter_context(serving(run, Address(host, port, token_given(token)), commands))
-        announce(Console(), served, title, show=show)
+        announce(Console(), served, title)
+        if show:
+            stack.enter_context(opened(served.url))
         wait_for_signal()
 
 
@@ -151,12 +157,30 @@ def watched(
             raise left
 
 
-def announce(console: Console, served: Serving, what: str, *, show: bool = False) -> None:
-    """Print the address of the page, and open it if ``show`` is set."""
+def announce(console: Console, served: Serving, what: str) -> None:
+    """Print the address of the page."""
     console.print_plain(f"{what}: Ctrl-C ends it")
     console.print(f"Inspector: [bold]{served.url}[/]", soft_wrap=True)
-    if show:
-        typer.launch(served.url)
+
+
+@contextmanager
+def opened(url: str) -> Iterator[None]:
+    """Open ``url`` in the browser, by a file that only this user may read if it holds a token.
+
+    Other users see the arguments of a browser. The file is in the home folder, as confined browsers read none in /tmp.
+    """
+    if not urlsplit(url).query:
+        typer.launch(url)
+        yield
+        return
+    folder = user_folder("HOME", "")
+    with ExitStack() as stack:
+        with writing(folder):
+            page = stack.enter_context(NamedTemporaryFile("w", prefix="socialbot-", suffix=".html", dir=folder))
+        page.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={url}">')
+        page.flush()
+        webbrowser.open(Path(page.name).resolve().as_uri())
+        yield
 
 
 def wait_for_signal() -> None:

@@ -106,7 +106,10 @@ class AccessGuard:
         if _same(query.get("token", ""), self._token):
             rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
             path = "/" + scope["path"].lstrip("/")  # a path that begins with two slashes is another site
-            response = RedirectResponse(path + (f"?{rest}" if rest else ""), 303, FRESH)
+            response: Response = RedirectResponse(path + (f"?{rest}" if rest else ""), 303, FRESH)
+            if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+                # A link of another site: browsers send the cookie only if this page goes on by itself.
+                response = Response(headers={**FRESH, "Refresh": f"0; url={response.headers['location']}"})
             response.set_cookie(COOKIE, self._pass, httponly=True, samesite="strict")
             return response
         scheme, _, given = headers.get("authorization", "").partition(" ")

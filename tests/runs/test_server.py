@@ -300,6 +300,14 @@ def test_token_redirect_stays_on_this_site(run, path):
     assert (first.status_code, first.headers["location"].startswith("/evil.example")) == (303, True)
 
 
+def test_a_link_with_the_token_works_from_another_site(run):
+    """Browsers would not send the cookie with a redirection that began elsewhere."""
+    first = client(run, token=TOKEN)(f"/?token={TOKEN}&t=7", headers={"sec-fetch-site": "cross-site"})
+    assert (first.status_code, first.headers["refresh"]) == (200, "0; url=/?t=7")
+    assert "SameSite=strict" in first.headers["set-cookie"]
+    assert first.headers["cache-control"] == "no-store"
+
+
 # What is asked of agents
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +15,7 @@ import httpx
 import pytest
 
 from socialbot.bridge.keys import new_key
+from tests.runs.runs import greeting
 from tests.system.running import eventually, running, socialbot
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -94,6 +97,31 @@ def test_attaches_to_a_running_graph_with_its_own_key(tmp_path: Path) -> None:
         page("inspect", tmp_path / "waldo.yaml", keys=keys) as client,
     ):
         does_what_it_is_asked_for(client)
+
+
+def test_the_token_of_an_opened_page_is_not_among_the_arguments_of_the_browser(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs chromium")
+    arguments, page = tmp_path / "arguments", tmp_path / "page"
+    browser = tmp_path / "browser"
+    browser.write_text(f"""#!/bin/sh
+{chromium} --headless --no-sandbox --disable-gpu --user-data-dir={tmp_path}/data --virtual-time-budget=10000 \\
+    --dump-dom "$1" >{page}.part && echo "$1" >{arguments} && mv {page}.part {page}
+""")
+    browser.chmod(0o700)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
+    monkeypatch.setenv("SOCIALBOT_TOKEN", "secret-token")
+    with running("inspect", greeting(tmp_path / "evening"), "--open", "--port", 0) as process:
+        assert eventually(lambda: page.exists() or process.poll() is not None), process.output()
+        (file,) = tmp_path.glob("socialbot-*.html")
+        assert arguments.read_text().strip() == file.as_uri()
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert "<title>Waldo: evening" in page.read_text()
+    assert not file.exists()
 
 
 PATIENCE_MS = 60_000
