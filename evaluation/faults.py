@@ -1,7 +1,7 @@
 """Fault injection for a running graph: networks, processes and unauthorized senders.
 
 ``python -m evaluation.faults`` injects faults one by one with real processes and middleware, and compares the results
-with the requirements in docs/reliability.md. ``--only lossy,outage`` selects faults. The two machines are network
+with the requirements in docs/fault-tests.md. ``--only lossy,outage`` selects faults. The two machines are network
 namespaces, which need root; rows that need them are skipped without it.
 """
 

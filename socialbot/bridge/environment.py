@@ -488,7 +488,7 @@ def _note_blocked(node: str) -> None:
     """Leave rclpy as it is: all its functions may wait for DDS, which a false packet can block without end."""
     global _is_blocked
     _is_blocked = True
-    log.error("%s: DDS does not answer; see docs/security.md", node)
+    log.error("%s: DDS does not answer; see docs/attacks.md", node)
     skip_cleanup()
 
 

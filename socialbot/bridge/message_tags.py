@@ -1,7 +1,11 @@
 """Authentication tags of large serialised messages, a cheaper proof than a digest of all their bytes.
 
 A tag is that of AES-256-GCM over the message, under a key that only its sender and one receiver can derive: by X25519
-from their Ed25519 keys. So a seal holds a tag for each machine whose public key the sender has.
+from their Ed25519 keys, then HKDF-SHA256 with domain, topic, stream and both public keys. So a seal holds a tag for
+each machine whose public key the sender has, and no machine can alter a message of another one for a third.
+
+The nonce is the number of the message. Each stream has its own keys and a random name of 128 bits, and repeats no
+number, so no nonce is used twice.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class LiveSource(RunSource):
             up = _NodesUp(self, execution, watch, well)
             with self.services(), run_lock(up.run), closing(up):
                 while fault := up.attend():
-                    log.error("%s; up observes the graph again with a new DDS participant; see docs/security.md", fault)
+                    log.error("%s; up observes the graph again with a new DDS participant; see docs/attacks.md", fault)
             well = up.supervisor.well
             if not execution.ending.asked:
                 log.warning("restart everything: %s", up.why)

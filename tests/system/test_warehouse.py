@@ -105,7 +105,7 @@ class TestTheFirstRun:
             assert int(values["calls"]) * SECOND > first_run.time.now, "each node is called at least once a second"
 
     def test_accepts_commands_of_the_documentation(self, first_run: Live) -> None:
-        desire, belief, withdrawal = commands("docs/cli.md", "socialbot topic pub /gripper_a")
+        desire, belief, withdrawal = commands("docs/howto/warehouse.md", "socialbot topic pub /gripper_a")
         seen, wanted = first_run.seen, "wait_there"
         publish(desire)
         assert eventually(lambda: bool(seen.of("plan_start", what=wanted)))
