@@ -7,29 +7,30 @@ from itertools import groupby
 from pathlib import Path
 
 from socialbot.bdi.stdlib import internals, usage
-from tests.conformance.jason import Item, all_items
+from tests.conformance.jason import Case, Item, all_items
 from tests.conformance.random_programs import recorded
 
 PAGE = Path(__file__).parents[1] / "docs" / "conformance.md"
 HEADING = """\
 # Conformance with Jason
 
-This page is the list of Jason's standard library and syntax: what each item does, and whether it means the same here.
-[Semantics](semantics.md) explains the language and the larger differences.
+This page lists Jason's standard library and syntax: what each item does, and whether it means the same here.
 
-| section | yes | differs | no | extra |
-|---|---|---|---|---|
-{summary}
+- {yes} of {all} items are **the same**: all test programs print the same as in Jason {version}.
+- {differs} are **partly different**: some programs print something else. A table in the section tells what and why.
+- {no} are **missing**: a program that uses one is refused by name. {extra} are **not in Jason**.
 
-- **yes**: all programs of the item print the same.
-- **differs**: some programs print something else. The second table of the section tells what and why.
-- **no**: the item does not exist here. A program that uses it is refused by name.
-- **extra**: the item does not exist in Jason.
+[Differences](differences.md) has those that concern a whole program, and [semantics](semantics.md) defines the language.
 
-The tests compare socialbot with Jason {version}. `tests/conformance/jason` has {cases} small programs with their output
-in Jason. {random} random programs of two agents print the same, in any order (`tests/conformance/random_programs.py`).
-`python -m tools.conformance` writes this page from the tests. Programs that no test has may differ.
+Items that are not the same: {summary}.
+
+`tests/conformance/jason` has {cases} small programs with their output in Jason. {random} random programs of two agents
+print the same, in any order (`tests/conformance/random_programs.py`). `python -m tools.conformance` writes this page
+from the tests. Programs that no test has may differ.
 """
+
+HEADINGS = {"yes": "The same", "differs": "Partly different", "no": "Missing", "extra": "Not in Jason"}
+"""Status of an item, and the heading of those that have it."""
 
 DESCRIBED = {
     ".findall": "`.findall(T, c, L)`: L is the list of T for each solution of the condition c.",
@@ -45,27 +46,35 @@ def page() -> str:
     sections = [(section, list(group)) for section, group in groupby(items, key=lambda item: item.section)]
     found = recorded()
     cases = sum(len(item.cases) for item in items)
-    summary = "\n".join([*(_counts(section, group) for section, group in sections), _counts("all", items)])
-    heading = HEADING.format(summary=summary, cases=cases, random=len(found["answers"]), version=found["jason"])
+    heading = HEADING.format(
+        summary=", ".join(filter(None, (_count(section, group) for section, group in sections))),
+        all=len(items),
+        **{status: sum(item.status == status for item in items) for status in HEADINGS},
+        cases=cases,
+        random=len(found["answers"]),
+        version=found["jason"],
+    )
     return "\n".join([heading, *(_section(section, group) for section, group in sections)])
 
 
-def _counts(section: str, items: Sequence[Item]) -> str:
-    counts = (sum(item.status == status for item in items) or "" for status in ("yes", "differs", "no", "extra"))
-    return f"| {' | '.join([section, *map(str, counts)])} |"
+def _count(section: str, items: Sequence[Item]) -> str:
+    """The number of items of a section that are not as in Jason, with a link to it; empty if there is none."""
+    others = sum(item.status != "yes" for item in items)
+    return f"[{section.lower()}](#{section.lower().replace(' ', '-')}) {others} of {len(items)}" if others else ""
 
 
 def _section(section: str, items: Sequence[Item]) -> str:
-    """Text of a section: a table of the items with a meaning, the names of the others, and the differences."""
-    rows = [f"| {_cell(text)} | {item.status} |" for item in items if (text := _meaning(item))]
+    """Text of a section: the items by their status, first those with a meaning, and the differences."""
     parts = [f"## {section}\n"]
-    if rows:
-        parts.append("\n".join(["| item | same |", "|---|---|", *rows, ""]))
-    for status, label in (("yes", "The same"), ("differs", "Partly different")):
-        if names := [_code(item.name) for item in items if item.status == status and not _meaning(item)]:
-            parts.append(f"{label}: {'; '.join(names)}.\n")
-    if rows := [row for item in items for row in _differences(item)]:
-        parts.append("\n".join(["| differs in | Jason prints | here | why |", "|---|---|---|---|", *rows, ""]))
+    for status, heading in HEADINGS.items():
+        those = [item for item in items if item.status == status]
+        names = [_code(item.name) for item in those if not _meaning(item)]
+        if lines := [f"- {meaning}" for item in those if (meaning := _meaning(item))]:
+            parts.append("\n".join([f"{heading}:\n", *lines, *([f"- {'; '.join(names)}"] if names else []), ""]))
+        elif names:
+            parts.append(f"{heading}: {'; '.join(names)}.\n")
+    if rows := _differences([case for item in items for case in item.cases if case.why]):
+        parts.append("\n".join(["| program | Jason prints | here | why |", "|---|---|---|---|", *rows, ""]))
     return "\n".join(parts)
 
 
@@ -84,13 +93,13 @@ def description(name: str) -> str:
     return DESCRIBED.get(name, "") or "; ".join(group)
 
 
-def _differences(item: Item) -> list[str]:
-    return [
-        f"| `{_cell(' '.join([*case.program, case.body]))}` | {_printed(case.jason)} | {_printed(case.expected)} "
-        f"| {_cell(case.why)} |"
-        for case in item.cases
-        if case.why
-    ]
+def _differences(cases: Sequence[Case]) -> list[str]:
+    """Rows of the programs that print something else than in Jason; those that do so alike share one."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for case in cases:
+        told = (_printed(case.jason), _printed(case.expected), _cell(case.why))
+        rows.setdefault(told, []).append(f"`{_cell(' '.join([*case.program, case.body]))}`")
+    return [f"| {'<br>'.join(programs)} | {' | '.join(told)} |" for told, programs in rows.items()]
 
 
 def _printed(lines: list[str]) -> str:

@@ -19,7 +19,8 @@ from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.rules import ReactiveRule
 from socialbot.graph.ports import Delivery
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "deliberation.md").read_text("utf-8")
+ROOT = Path(__file__).parents[2] / "docs"
+DOCUMENT = (ROOT / "deliberation.md").read_text("utf-8")
 FOLDER = Path(str(socialbot.deliberation.__file__)).parent
 
 
@@ -99,9 +100,13 @@ def test_every_check_is_told(check):
     assert f"`{check}`" in section("Desires")
 
 
-def test_every_option_of_the_plan_executor_stands_there_with_its_default():
-    for name, default in rows(section("Plan execution")).items():
-        assert str(getattr(DeliberationOptions, name)) in default, name
+def test_every_option_stands_there_with_its_default():
+    table = rows(section("Parameters"))
+    for option in fields(DeliberationOptions):
+        told = table.get(option.name) or re.search(rf"[^.]*`{option.name}`", section("Plan execution"))
+        assert told, option.name
+        if option.default is not False:
+            assert str(option.default) in (told if isinstance(told, str) else told[0]), option.name
 
 
 def test_the_keys_of_files_are_those_of_what_they_make():
@@ -117,7 +122,8 @@ def test_the_keys_of_files_are_those_of_what_they_make():
 
 def test_every_state_of_a_request_is_told():
     states = words_of(get_type_hints(SentRequest)["state"]) | words_of(get_type_hints(AgentReply)["state"])
-    assert states <= rows(section("Writing an agent")).keys()
+    page = (ROOT / "howto" / "requests.md").read_text("utf-8")
+    assert states <= rows(page).keys()
 
 
 def test_every_status_of_an_agent_is_told():
