@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import unicodedata
 from collections.abc import Iterator
@@ -54,7 +55,8 @@ def test_each_path_of_an_attacker_has_a_test():
     assert len(rows) > 90
     for row in rows:
         cells = [cell.strip() for cell in row.strip("|").split("|")]
-        assert len(cells) == 4 and all(cells), row
+        assert len(cells) == 4, row
+        assert all(cells), row
         file, _, test = cells[-1].strip("`").partition("::")
         name = test.rpartition("::")[2]
         assert re.search(rf"^ *def {name}\(", text_of(ROOT / "tests" / file), re.MULTILINE), row
@@ -70,6 +72,25 @@ def test_links_lead_somewhere(page: Path):
         assert target.exists(), f"{name_of(page)} links to {link}"
         if place and target.suffix == ".md":
             assert place in anchors(target), f"{name_of(page)} links to {link}; there are {sorted(anchors(target))}"
+
+
+def constants_of_the_site() -> dict[str, Any]:
+    """The literals of the mkdocs hook, whose imports are not installed for tests."""
+    tree = ast.parse(text_of(ROOT / "tools" / "site.py"))
+    found = (node for node in tree.body if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name))
+    return {ast.unparse(node.targets[0]): node.value for node in found}
+
+
+def test_links_to_files_outside_the_docs_lead_to_files_that_the_site_has():
+    constants = constants_of_the_site()
+    along = set(ast.literal_eval(constants["ALONG"]))
+    pattern = re.compile(ast.literal_eval(constants["LINK"].args[0]))
+    docs = ROOT / "docs"
+    for page in docs.rglob("*.md"):
+        linked = [(page.parent / link).resolve() for link in pattern.findall(text_of(page))]
+        beyond = {str(target.relative_to(ROOT)) for target in linked if not target.is_relative_to(docs)}
+        assert beyond <= along, name_of(page)
+        assert not any("https" in target.parts for target in linked), name_of(page)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

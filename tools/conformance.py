@@ -20,7 +20,7 @@ This page lists Jason's standard library and syntax: what each item does, and wh
 - {differs} are **partly different**: some programs print something else. A table in the section tells what and why.
 - {no} are **missing**: a program that uses one is refused by name. {extra} are **not in Jason**.
 
-[Differences](differences.md) has those that concern a whole program, and [semantics](semantics.md) defines the language.
+[Differences](differences.md) has those that concern whole programs. [Semantics](semantics.md) defines the language.
 
 Items that are not the same: {summary}.
 

@@ -20,9 +20,10 @@ ALONG = (
     "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "data/synthetic/README.md",
     "data/synthetic/generator/README.md", "data/synthetic/sample.jpg", "data/synthetic/scene1_heldback.jpg",
     "data/synthetic/scene2_heldback.jpg", "socialbot/vision/models/LICENSE", "socialbot/vision/models/NOTICE",
+    "socialbot/speech/NOTICE", "socialbot/runs/page/vendor/NOTICE", "tests/vision/metrics/reference/README.md",
 )  # fmt: skip
 """Linked files outside docs/."""
-LINK = re.compile(r"(?<=\]\()([^)#\s:]+)")
+LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#\s])")
 """The path of a relative link."""
 
 

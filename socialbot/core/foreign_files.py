@@ -41,7 +41,8 @@ def foreign_text(text: str) -> ForeignFile | None:
     if head.lstrip("\ufeff \t\r\n").startswith("<"):
         root = _ROOT.search(head)
         name = root[1] if root else ""
-        return _XML.get(name) or ForeignFile("an XML file", "give a YAML file: docs/tutorial.md shows that of a graph, docs/deploy.md that of a deployment")
+        remedy = "give a YAML file: docs/tutorial.md shows that of a graph, docs/deploy.md that of a deployment"
+        return _XML.get(name) or ForeignFile("an XML file", remedy)
     if _LAUNCH_FUNCTION.search(head):
         return _LAUNCH
     return None
