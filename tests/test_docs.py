@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,14 @@ def test_links_to_files_outside_the_docs_lead_to_files_that_the_site_has():
         beyond = {str(target.relative_to(ROOT)) for target in linked if not target.is_relative_to(docs)}
         assert beyond <= along, name_of(page)
         assert not any("https" in target.parts for target in linked), name_of(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_headings_and_tables_begin_after_an_empty_line(page: Path):
+    lines = FENCE.sub("", text_of(page)).splitlines()
+    begun = [line for before, line in pairwise(lines) if before and re.match(r"#+ ", line)]
+    begun += [line for before, line in pairwise(lines) if before and before[0] != "|" and line.startswith("|")]
+    assert begun == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
