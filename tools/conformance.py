@@ -22,9 +22,7 @@ This page lists Jason's standard library and syntax: what each item does, and wh
 
 [Differences](differences.md) has those that concern whole programs. [Semantics](semantics.md) defines the language.
 
-Items that are not the same:
-
-{summary}
+Not the same: {summary}.
 
 `tests/conformance/jason` has {cases} small programs with their output in Jason. {random} random programs of two agents
 print the same, in any order (`tests/conformance/random_programs.py`). `python -m tools.conformance` writes this page
@@ -49,7 +47,7 @@ def page() -> str:
     found = recorded()
     cases = sum(len(item.cases) for item in items)
     heading = HEADING.format(
-        summary="\n".join(filter(None, (_count(section, group) for section, group in sections))),
+        summary=", ".join(filter(None, (_count(section, group) for section, group in sections))),
         all=len(items),
         **{status: sum(item.status == status for item in items) for status in HEADINGS},
         cases=cases,
@@ -62,7 +60,7 @@ def page() -> str:
 def _count(section: str, items: Sequence[Item]) -> str:
     """The number of items of a section that are not as in Jason, with a link to it; empty if there is none."""
     others = sum(item.status != "yes" for item in items)
-    return f"- [{section.lower()}](#{section.lower().replace(' ', '-')}): {others} of {len(items)}" if others else ""
+    return f"[{section.lower()}](#{section.lower().replace(' ', '-')}) {others} of {len(items)}" if others else ""
 
 
 def _section(section: str, items: Sequence[Item]) -> str:

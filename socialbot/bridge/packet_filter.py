@@ -6,6 +6,10 @@ messages as bytes, but the middleware itself reads the lists of nodes.
 
 These lists come to UDP ports of their own, where packets with a GAP are dropped. They are not needed there: a process
 keeps only its last list, and its heartbeats tell that earlier ones are gone.
+
+A filter on all ports is not possible. Classic BPF has no loops, 4096 instructions at most, and no memory between
+packets. True packets of discovery have up to 353 submessages (400 topics), and a filter cannot tell how far a HEARTBEAT
+jumps.
 """
 
 from __future__ import annotations
