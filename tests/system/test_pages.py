@@ -39,6 +39,7 @@ NOT_TYPED = (
     "howto/language-model.md",
     "howto/reachy-mini.md",
     "howto/reception.md",
+    "howto/requests.md",
     "howto/robots.md",
     "howto/simulation.md",
     "howto/study.md",
@@ -61,6 +62,7 @@ def test_all_howto_pages_exist() -> None:
         "planners",
         "reachy-mini",
         "reception",
+        "requests",
         "robots",
         "services",
         "simulation",
@@ -68,6 +70,7 @@ def test_all_howto_pages_exist() -> None:
         "teams",
         "topics",
         "voices",
+        "warehouse",
     ]
 
 
