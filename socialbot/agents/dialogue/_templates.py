@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 import unicodedata
@@ -85,7 +86,8 @@ def words(text: str, language: str = "") -> list[list[str]]:
     return [[_NUMBERS.get(word) or word for word in clause] for clause in clauses if clause]
 
 
-def expand(phrase: str, language: str, where: str) -> list[tuple[Part, ...]]:
+@functools.lru_cache(10_000)  # each script that extends another one expands its phrases again
+def expand(phrase: str, language: str, where: str) -> tuple[tuple[Part, ...], ...]:
     """Return all word sequences of a phrase.
 
     Args:
@@ -97,12 +99,12 @@ def expand(phrase: str, language: str, where: str) -> list[tuple[Part, ...]]:
         RuleError: The phrase has no words, unbalanced brackets, or too many variants.
 
     >>> expand("where is [the] {place}", "en", "")
-    [('where', 'is', Slot(name='place')), ('where', 'is', 'the', Slot(name='place'))]
+    (('where', 'is', Slot(name='place')), ('where', 'is', 'the', Slot(name='place')))
     """
     # Short forms would be split at the apostrophe only after brackets are read.
     found = [match for match in _PART.finditer(phrase) if match[0].strip()]
     reader = _Reader(found, phrase, language, where)
-    variants = list(dict.fromkeys(itertools.islice(reader.read(), MOST_VARIANTS + 1)))
+    variants = tuple(dict.fromkeys(itertools.islice(reader.read(), MOST_VARIANTS + 1)))
     if len(variants) > MOST_VARIANTS:
         raise RuleError(f"phrase {phrase!r} has too many variants", where=where, remedy="split it into several phrases")
     if not all(variants):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 from socialbot.agents.dialogue import (
@@ -134,6 +134,7 @@ WAKING = ("wake", "hello", "help")
 """Intents that wake Waldo."""
 
 
+@cache
 def small_talk() -> Script:
     """Return what Waldo understands and says in every place."""
     emergencies = load_script(Path(__file__).with_name("emergencies.yaml"))
