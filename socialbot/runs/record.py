@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import msgspec
 from msgspec.structs import replace
@@ -34,7 +34,9 @@ from socialbot.core.messages import (
 from socialbot.core.registry import event_log_of, world_view_of
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
-from socialbot.vision.metrics.scores import ScoredFrame
+
+if TYPE_CHECKING:
+    from socialbot.vision.metrics.scores import ScoredFrame
 
 T = TypeVar("T", bound="RunTrace")
 

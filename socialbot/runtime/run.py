@@ -38,10 +38,10 @@ from socialbot.runs.record import (
 )
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
-from socialbot.vision.metrics.scores import Scores
 
 if TYPE_CHECKING:
     from socialbot.bridge.graph_observer import GraphObserver
+    from socialbot.vision.metrics.scores import Scores
 
 Runner = Literal["ros", "inline"]
 

@@ -50,10 +50,13 @@ def calls_to_come(seen: Seen) -> list[str]:
     return [record.what.split()[2] for record in seen.of("request", GRIPPER) if "cometo_base" in record.what]
 
 
-@pytest.fixture(scope="class")
-def first_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+@pytest.fixture(
+    scope="class",
+    params=[pytest.param(True, id="composed"), pytest.param(False, id="process a node", marks=pytest.mark.slow)],
+)
+def first_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
     """The nominal run after its end, with all processes still there."""
-    with over_dds(warehouse(), tmp_path_factory.mktemp("first")) as live:
+    with over_dds(warehouse(), tmp_path_factory.mktemp("first"), composed=request.param) as live:
         live.time.until(live.seen.done, limit_s=LIMIT_S)
         yield live
 

@@ -13,6 +13,7 @@ from tests.agents.teams.library import EXAMPLE, LibraryRun
 from tests.example_modules import EXAMPLES
 
 PLANNERS = pytest.mark.parametrize("planner", ["htn", "pddl"])
+QUICK_PLANNER = pytest.mark.parametrize("planner", ["htn", pytest.param("pddl", marks=pytest.mark.slow)])
 ALL = set(EXAMPLE.BOOKS)
 
 
@@ -27,7 +28,7 @@ def test_all_books_are_fetched(planner: str):
     assert {(view.status, view.recoveries) for view in run.views.values()} == {("finished", 0)}
 
 
-@PLANNERS
+@QUICK_PLANNER
 def test_book_of_a_dead_runner_is_taken_from_its_hands(planner: str):
     run = LibraryRun(planner).until(9.0)
     run.runner.kill("runner1")
@@ -42,7 +43,7 @@ def test_porter_that_hangs_is_replaced(planner: str):
     assert any("porter1 is stuck" in problem for problem in run.problems)
 
 
-@PLANNERS
+@QUICK_PLANNER
 def test_agent_that_joins_late_is_used(planner: str):
     run = LibraryRun(planner, late=("porter1", "porter2")).until(30.0)
     assert {view.status for view in run.views.values()} == {"waiting"}
@@ -51,14 +52,14 @@ def test_agent_that_joins_late_is_used(planner: str):
     assert run.until(150.0).delivered() == ALL
 
 
-@PLANNERS
+@QUICK_PLANNER
 def test_vanished_book_costs_only_that_book(planner: str):
     run = LibraryRun(planner, "9 vanishes atlas").until(150.0)
     assert run.delivered() == ALL - {"atlas"}
     assert (run.views["atlas"].status, run.views["atlas"].problem) == ("failed", "atlas is gone")
 
 
-@PLANNERS
+@QUICK_PLANNER
 def test_missions_that_fail_again_and_again_do_not_hold_up_others(planner: str, monkeypatch: pytest.MonkeyPatch):
     heavy = TaskDomain("library whose first two books are too heavy")
     heavy.declare_actions(*(each.function for name, each in EXAMPLE.LIBRARY.actions.items() if name != "a_take"))

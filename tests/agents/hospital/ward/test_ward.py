@@ -32,7 +32,9 @@ def test_large_ward_has_requested_size_and_an_infection_for_each_nurse():
     assert len(large_ward(50, nurses=7).infections) == 7
 
 
-@pytest.mark.parametrize("rooms", [999, 1000, 1001, 2500, 10_000])
+@pytest.mark.parametrize(
+    "rooms", [999, 1000, 1001, *(pytest.param(rooms, marks=pytest.mark.slow) for rooms in (2500, 10_000))]
+)
 def test_every_room_of_a_large_ward_is_in_reach_of_a_dock(rooms: int):
     ward = large_ward(rooms, 5, 7)
     names = [room.name for room in ward.rooms]
