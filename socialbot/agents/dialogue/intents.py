@@ -32,6 +32,8 @@ TEXT = "text"
 LEAST_SIMILARITY = 0.8
 """Words and slot values match from this similarity on: one wrong letter in five."""
 
+_WORDS_KEPT = 5_000  # words of people for which the similar words of phrases are remembered
+
 LEAST_SCORE = 0.75
 """Phrases match from this share of their words on, each weighted by its similarity."""
 
@@ -130,7 +132,8 @@ class _Span(NamedTuple):
     similarity: float
 
 
-class Variant(NamedTuple):
+@dataclass(frozen=True)
+class Variant:
     """Word sequence of a phrase of an intent."""
 
     intent: Intent
@@ -138,7 +141,7 @@ class Variant(NamedTuple):
     parts: tuple[Part, ...]
     is_whole: bool = False
 
-    @property
+    @functools.cached_property
     def most_cost(self) -> float:
         """Highest cost of a match; a word that is missing costs 1."""
         free = LEAST_SCORE_FREE if Slot(TEXT) in self.parts else LEAST_SCORE
@@ -204,6 +207,7 @@ class Grammar:
             for slot, known in self.values.items()
             for language in self._variants
         }
+        self._alike = functools.lru_cache(_WORDS_KEPT)(self._like)
 
     @property
     def languages(self) -> tuple[str, ...]:
@@ -246,11 +250,7 @@ class Grammar:
         rejected = tuple(dict.fromkeys(span.value for span in excluded))
         beside = _beside(sentence, excluded, language)
         best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (False, False, 0.0, False, 0.0)
-        unlike = {
-            word
-            for word in self._words.get(language, ())
-            if all(similarity(word, each) < LEAST_SIMILARITY for each in set(sentence))
-        }
+        unlike = self._words.get(language, set()).difference(*(self._alike(word, language) for word in sentence))
         for variant in self._variants.get(language, ()):
             if len(unlike.intersection(variant.parts)) > variant.most_cost:
                 continue
@@ -284,6 +284,11 @@ class Grammar:
         if not best and 0 < len(affirmed) < len(clauses):  # "Do not call Anna, call Thomas."
             return self.read(". ".join(map(" ".join, affirmed)), language, expected)
         return best
+
+    def _like(self, word: str, language: str) -> frozenset[str]:
+        """Words of phrases that resemble a word of a sentence."""
+        known = self._words.get(language, ())
+        return frozenset(each for each in known if similarity(each, word) >= LEAST_SIMILARITY)
 
     def _check_slots(self, intent: Intent) -> None:
         for name in intent.slots:
