@@ -8,8 +8,9 @@ with its schema name and version (``docs/schemas``).
 from __future__ import annotations
 
 import functools
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import msgspec
@@ -220,13 +221,13 @@ def ros_message(kind: str | type) -> type[RosMessage]:
     Raises:
         GraphError: ``kind`` is no ROS type.
     """
-    if isinstance(kind, type):
+    if not isinstance(kind, str):
+        if not isinstance(kind, type) or not is_ros_message(kind):
+            what = kind.__name__ if isinstance(kind, type) else kind
+            remedy = "give a Message of socialbot, a class of ROS, or its name"
+            raise GraphError(f"{what} is no message", remedy=remedy)
         package, *_ = kind.__module__.split(".")
         name = getattr(kind, "__msgtype__", "") or f"{package}/msg/{kind.__name__}"
-        if not is_ros_message(kind):
-            raise GraphError(
-                f"{kind.__name__} is no message", remedy="give a Message of socialbot, a class of ROS, or its name"
-            )
     else:
         parts = kind.split("/")
         name = "/".join((parts[0], parts[1] if len(parts) == 3 else "msg", parts[-1]))
@@ -255,11 +256,29 @@ class Structured(
 
 
 def check_fields(message: Structured, *, where: str) -> None:
-    """Check the types of all fields. Raises MessageError."""
+    """Check the types of all fields, and that JSON can hold their numbers. Raises MessageError."""
     try:
-        from_builtins(msgspec.to_builtins(message), type(message))
+        plain = msgspec.to_builtins(message)
+        from_builtins(plain, type(message))
     except (TypeError, msgspec.ValidationError) as error:
         raise MessageError(f"no valid {type(message).__name__}: {error}", where=where) from error
+    for place, number in _not_finite(plain):
+        what = f"no valid {type(message).__name__}: {place} is {number}"
+        raise MessageError(
+            what, where=where, remedy="JSON has no such number; leave it out, or make the field optional"
+        )
+
+
+def _not_finite(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
+    """Yield infinite numbers and NaN in plain values, with their places."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield place, value
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            yield from _not_finite(each, f"{place}[{key!r}]" if place else str(key))
+    elif isinstance(value, (list, tuple)):
+        for index, each in enumerate(value):
+            yield from _not_finite(each, f"{place}[{index}]")
 
 
 class PictureAck(Structured, frozen=True, kw_only=True):

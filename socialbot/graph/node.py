@@ -142,6 +142,7 @@ class Node:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        _check_names(cls)
         cls._inputs, cls._outputs = _declared(cls, Input), _declared(cls, Output)
         cls._servers, cls._clients = _declared(cls, ServerPort), _declared(cls, ClientPort)
         cls._parameters = _declared(cls, Parameter)
@@ -297,6 +298,42 @@ def start_failure(node: str, error: Exception, *rooms: str) -> SocialbotError:
             error.where = ": ".join(filter(None, (place_of(error, PACKAGE), node, error.where)))
         return error
     return NodeError(f"cannot start: {failure_text(error, *rooms)}", where=node)
+
+
+_KINDS: Mapping[Any, str] = {
+    Input: "input",
+    Output: "output",
+    Parameter: "parameter",
+    ServerPort: "service or action",
+    ClientPort: "client",
+}
+_INSTANCE_ATTRIBUTES = frozenset(("name", "context", "log", "parameter_values"))
+_ROS_PARAMETERS = frozenset(("autostart", "use_sim_time"))
+"""Parameters that every node has over ROS."""
+
+
+def _kind(declared: object) -> str:
+    return next((name for kind, name in _KINDS.items() if isinstance(declared, kind)), "")
+
+
+def _check_names(cls: type) -> None:
+    """Check that a port or parameter replaces only one of its kind. Raises GraphError."""
+    for name, declared in vars(cls).items():
+        kind = _kind(declared)
+        what = f"the {kind} {name!r}" if kind else f"{name!r}"
+        place = f"{cls.__module__}.{cls.__qualname__}"
+        if kind == "parameter" and name in _ROS_PARAMETERS:
+            raise GraphError(f"{what} replaces that of each ROS node", where=place, remedy="give it another name")
+        owner = next((base for base in cls.__mro__[1:] if name in vars(base)), None)
+        before = "" if owner is None else _kind(vars(owner)[name])
+        if kind and name in _INSTANCE_ATTRIBUTES:
+            owner = Node
+        if owner is not None and kind != before:
+            remedy = "give it another name"
+            if before == "parameter" and not kind:
+                remedy = f"write {name} = Parameter({declared!r}, ...), or give it another name"
+            of = f"the {before or 'attribute'} of that name of {owner.__name__}"
+            raise GraphError(f"{what} replaces {of}", where=place, remedy=remedy)
 
 
 def _declared(cls: type, kind: Any) -> dict[str, Any]:

@@ -259,7 +259,7 @@ class Parameter(Generic[V]):
         if not self._is_in_range(default):
             raise ParameterError(f"the default {default!r} is out of range", where=where, remedy=self._range)
         if self.choices and default not in self.choices:
-            listed = ", ".join(self.choices)
+            listed = ", ".join(map(str, self.choices))
             raise ParameterError(f"the default {default!r} is none of {listed}", where=where, remedy="choose one")
 
     def _is_in_range(self, value: object) -> bool:
@@ -284,5 +284,6 @@ class Parameter(Generic[V]):
         if not self._is_in_range(value):
             raise ParameterError(f"{value!r} is out of range", where=where, remedy=self._range)
         if self.choices and value not in self.choices:
-            raise ParameterError(f"unknown choice {value!r}", where=where, remedy=f"one of {', '.join(self.choices)}")
+            listed = ", ".join(map(str, self.choices))
+            raise ParameterError(f"unknown choice {value!r}", where=where, remedy=f"one of {listed}")
         return value  # type: ignore[return-value]

@@ -11,7 +11,7 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Action, Belief, Engine
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError, RuleError
-from socialbot.core.messages import Health, Structured, Utterance
+from socialbot.core.messages import Health, Structured, Utterance, check_fields
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
@@ -361,3 +361,67 @@ def test_a_field_of_another_type_and_an_assigned_parameter_are_reported_with_the
     assert re.search(r"test_mistakes\.py:\d+\)", caplog.text)
     assert isinstance(runner.nodes["n"], Careless)
     assert runner.nodes["n"].rate == 1.0
+
+
+def _named(name: str, declared: object, *bases: type) -> Callable[[], object]:
+    return lambda: type("Own", bases or (Node,), {name: declared})
+
+
+class Limited(Node):
+    """Has a parameter and an output."""
+
+    limit = Parameter(0.5, "limit")
+    said = Output(Utterance, "/out")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (_named("clock", Parameter("x", "clock")), "the parameter 'clock' replaces the attribute of that name of Node"),
+        (_named("name", Parameter("x", "name")), "the parameter 'name' replaces the attribute of that name of Node"),
+        (_named("inputs", Parameter(1, "x")), "the parameter 'inputs' replaces the attribute of that name of Node"),
+        (_named("log", Output(Utterance, "/out")), "the output 'log' replaces the attribute of that name of Node"),
+        (_named("stop", Input(Utterance, "/in")), "the input 'stop' replaces the attribute of that name of Node"),
+        (_named("start", Service("std_srvs/srv/Trigger", "/start")), "the service or action 'start' replaces"),
+        (_named("limit", 0.9, Limited), "'limit' replaces the parameter of that name of Limited"),
+        (_named("said", None, Limited), "'said' replaces the output of that name of Limited"),
+        (_named("said", Parameter(1, "x"), Limited), "the parameter 'said' replaces the output of that name"),
+        (_named("use_sim_time", Parameter(True, "x")), "the parameter 'use_sim_time' replaces that of each ROS node"),
+        (_named("autostart", Parameter(True, "x")), "the parameter 'autostart' replaces that of each ROS node"),
+    ],
+)
+def test_a_port_or_parameter_replaces_only_one_of_its_kind(make: Callable[[], object], message: str):
+    with pytest.raises(GraphError, match=message) as caught:
+        make()
+    assert caught.value.remedy
+
+
+def test_an_unknown_choice_of_numbers_names_the_known_ones():
+    with pytest.raises(ParameterError, match="unknown choice 3") as caught:
+        Parameter(1, "mode", choices=(1, 2)).check(3, where="n.mode")  # type: ignore[arg-type]
+    assert caught.value.remedy == "one of 1, 2"
+
+
+@pytest.mark.parametrize("kind", [list[Utterance], Utterance | None, None, 3])
+def test_a_port_has_a_message_type(kind: object):
+    with pytest.raises(GraphError, match="is no message"):
+        Input(kind, "/in")  # type: ignore[arg-type]
+
+
+class Reach(Structured, frozen=True, kw_only=True):
+    """Distances that may be unknown."""
+
+    distances: tuple[float | None, ...] = ()
+    by_name: dict[str, float]
+
+
+@pytest.mark.parametrize(
+    ("message", "place"),
+    [
+        (Reach(stamp=0, distances=(1.0, float("inf")), by_name={}), "distances[1] is inf"),
+        (Reach(stamp=0, by_name={"a": float("nan")}), "by_name['a'] is nan"),
+    ],
+)
+def test_a_number_that_json_cannot_hold_is_reported(message: Reach, place: str):
+    with pytest.raises(MessageError, match=re.escape(place)):
+        check_fields(message, where="/out")
