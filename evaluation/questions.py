@@ -88,9 +88,13 @@ def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
         )
     if kind in ("people", "times"):
         wanted = "count_people" if kind == "people" else "count"
-        return any(claim.kind == wanted and claim.value == float(rest) for claim in claims) or (
-            kind == "people" and sum(claim.kind == "here" for claim in claims) == int(rest)
-        )
+        if any(claim.kind == wanted and claim.value == float(rest) for claim in claims):
+            return True
+        if kind == "people":
+            return sum(claim.kind == "here" for claim in claims) == int(rest)
+        # "How many people did you greet?": the people of all these greetings.
+        counted = (each for each in found.clauses if each.claim.kind == "count_people" and each.claim.what)
+        return any(len(each.records) == int(rest) for each in counted)
     if kind == "here":
         return any(claim.kind == "here" and rest in claim.persons for claim in claims)
     if kind == "not":

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from ruamel.yaml import YAML
 
-from evaluation.questions import QUESTIONS, REACHED, SEALED, asked
+from evaluation.questions import QUESTIONS, REACHED, SEALED, asked, reaches
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking import answer
@@ -121,6 +121,12 @@ def test_unsupported_failures_are_found(guard, question, kind, change):
     assert verifier.faults(found) == []
     change(found)
     assert verifier.faults(found) != []
+
+
+@pytest.mark.parametrize(("target", "is_reached"), [("people 4", True), ("times 3", True), ("times 4", False)])
+def test_a_number_of_people_rests_on_the_deeds_that_were_done_to_them(visits, target, is_reached):
+    run, verifier = visits
+    assert reaches(answer(run, "How many people did you greet?"), target, verifier) is is_reached
 
 
 @pytest.mark.slow

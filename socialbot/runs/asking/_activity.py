@@ -211,8 +211,8 @@ def ahead(scope: Scope) -> Told | None:
         if not scope.facts.has_failed(goal.id, stamp)
     ][:MOST_NAMED]
     question = scope.question
-    if not wanted and question.is_past and question.at_s is None and question.event is None:
-        had = scope.told(_had_wanted(scope))  # "What was your goal?"
+    if not wanted and question.is_past and question.event is None:
+        had = scope.told(_had_wanted(scope))  # "What was your goal?", "What was your goal at 11 s?"
         if had:
             return had
     nothing = scope.speech.about(scope.agent, scope.speech.say("nothing_next"))
@@ -227,10 +227,15 @@ def ahead(scope: Scope) -> Told | None:
 
 
 def _had_wanted(scope: Scope) -> list[Clause]:
-    """Return the last desires and goals that served no other one, each with the time of its adoption."""
+    """Return the last desires and goals that served no other one, each with the time of its adoption.
+
+    At a time, they are those adopted nearest to it: a goal may end as soon as it is adopted.
+    """
     adopted = [each for each in scope.history if each.kind in _WANTED and scope.agent in ("", each.source)]
     adopted = scope.until_now(scope.in_time(adopted))
     own = [each for each in adopted if not any(one.kind in _WANTED for one in scope.history.before(each))]
+    if scope.question.at_s is not None:
+        own = near(own, scope.history.stamp(scope.question.at_s), NEAR_S)
     clauses = []
     for each in own[-MOST_NAMED:]:
         text = scope.speech.about(each.source, scope.speech.say("wanted", what=each.what))

@@ -158,8 +158,14 @@ _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _MOST_BETWEEN = 2
 """Most words between the parts of a verb: ``leave anyone out``."""
-_BECOMING = {"go", "fall", "turn", "grow"}
+_BECOMING = {"go", "fall", "turn", "grow", "return", "switch"}
 """Verbs before a state: ``go idle``."""
+_BACK_TO = {"back", "to", "into", "being"}
+"""Words between such a verb and a state."""
+_STILL_TO_DO = {
+    "have", "has", "left", "done", "hast", "habe", "hat", "haben", "as", "avez", "a", "ai", "ont", "he", "ha", "han"
+}  # fmt: skip
+"""Words of the past that also ask for intentions: ``Do you have anything left that you want done?``"""
 _BEFORE_DEPARTURE = {"to", "who", "that", "der", "die", "zu", "qui", "a", "que", "en"}
 """Words between a person and the verb of leaving that describes them: ``the first person to leave``."""
 _LEXICON_WORD = 7
@@ -283,9 +289,14 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     # "Would you say ...?", "Which carrier did it end up on?"
     light = {n for _, places in reading.found.get("filler", ()) if len(places) > 1 for n in places}
     explained |= light
-    # "Why did you go idle?"
+    # "Why did you go idle?", "go back to doing nothing"
     if verb is not None and stem(reading.words[verb]) in _BECOMING:
-        light |= {verb for each in deeds if verb not in each.places and verb + 1 in each.places}
+        begin = verb + 1
+        while reading.words[begin : begin + 1] and reading.words[begin] in _BACK_TO:
+            begin += 1
+        became = set(range(verb, begin))
+        if any(became.isdisjoint(each.places) and begin in each.places for each in deeds):
+            light |= became
     verb = None if verb is not None and (reading.words[verb] in _CONJUNCTIONS or verb in light) else verb
     asks_for = person is not None and bool(deeds) and _is_asked_for(reading, person, referred)
     if person is not None and asks_for:
@@ -310,7 +321,7 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         person = replace(person, leaves=True)
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, reading.is_later, span_s, ordinal,
-        is_past=reading.has("past") and not reading.has("future"), quantity=quantity,
+        is_past=_is_past(reading), quantity=quantity,
         is_open=any(tells_exactly(words, language, name) for name in ("or", "qualified")),
         is_negative=reading.has("not", "nobody", "silent"), about_all=reading.has("all"),
         extreme=_extreme(reading, person), is_compared=not reading.has("who", "what"),
@@ -335,6 +346,11 @@ def _extreme(
             if places:
                 reading.take(extreme, *places)
     return next((name for name in EXTREMES if reading.has(name)), "")  # type: ignore[return-value]
+
+
+def _is_past(reading: Reading) -> bool:
+    words = {reading.words[place] for place in reading.places("past")}
+    return bool(words - _STILL_TO_DO if reading.has("plan") else words) and not reading.has("future")
 
 
 def _is_asked_for(reading: Reading, person: PersonReference, referred: Set[int]) -> bool:

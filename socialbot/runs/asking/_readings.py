@@ -483,6 +483,8 @@ def _kinds(found: Found, deed: NamedDeed | None = None) -> Set[Kind]:
         kinds &= _WHETHER if reading.has("future", "plan") else _WHETHER - {"next"}
     if not classes and _is_request(reading):
         kinds -= {"did", "count"}  # "Could you greet t2 now?" does not ask whether it was done
+    if deed is None and reading.has("plan") and not reading.has("see"):
+        kinds.discard("see")  # "What was your goal at 12 s?"
     places = set() if deed is None else deed.places
     is_opposite = deed is not None and deed.is_opposite
     is_denied = reading.has("silent") or not places.issuperset(reading.places("not"))
@@ -585,12 +587,12 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     mine = reading.language.first_words("me")
     while end - begin > 1 and words[begin] in {*INDEFINITE, *_BESIDE_SAID, *mine, *names}:
         begin += 1  # "ask someone to ...", "ask for a badge"
-    vague = reading.language.single_words("filler", "what", "me", "you") - GREETINGS
+    vague = reading.language.single_words("filler", "what", "me", "you", "left out") - GREETINGS
     event = next((n for n in range(begin + 1, end) if words[n] in _EVENTS), end)
     if not subjects.is_quoted(words[begin:end]):
         end = event  # "say goodbye when the person left"
     told = tuple(words[begin:end])
     is_known = subjects.is_quoted(told) or not GREETINGS.isdisjoint(told)  # "say hello"
     if vague.issuperset(told) or (not is_known and reading.taken.issuperset(range(begin, end))):
-        return (), set()  # "speak with t3", "say anything"
+        return (), set()  # "speak with t3", "say anything", "no dijiste nada"
     return told, set(range(begin, end))

@@ -394,6 +394,12 @@ def test_what_is_done_and_intended_at_a_time(waldo, ann):
     assert answer(waldo, "What are you doing?", at_s=2.5).text == "At 2.2 s I greeted person t1."
     ahead = answer(waldo, "What will you do next at 5 s?")
     assert ahead.text.startswith("At 5 s I had no intention; the next thing was at 10.2 s: I offered person t1 help")
+    for question in (
+        "Which goal did you pursue at 10.2 s?",
+        "What was your goal at 9 s?",
+        "What was your aim at 11 s?",
+    ):
+        assert answer(waldo, question).text == "At 10.2 s I wanted OfferHelp()."
     assert answer(ann, "What will you do next?", at_s=1.0).text == (
         "At 1 s step 2 of ann's plan for be_home was next: goes from yard to hall."
     )

@@ -372,6 +372,15 @@ def test_people_are_not_counted_by_deeds_that_were_not_done(visits, question):
     assert [clause.claim.kind for clause in answer(visits, question).clauses][:1] == ["did_not"]
 
 
+@pytest.mark.parametrize(
+    "question",
+    ["¿Por qué no dijiste nada a t3?", "¿Por qué no le dijiste nada a t3?", "Why did you say nothing to t3?"],
+)
+def test_nothing_is_no_word_that_was_said(visits, question):
+    claim = answer(visits, question).clauses[0].claim
+    assert (claim.kind, claim.persons) == ("did_not", ("t3",))
+
+
 @pytest.mark.parametrize("question", ["Why were you idle at 19 s?", "Were you idle at 19 s?"])
 def test_idleness_lasts_until_the_next_deed(visits, question):
     claims = [clause.claim for clause in answer(visits, question).clauses]

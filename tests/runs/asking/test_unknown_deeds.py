@@ -425,9 +425,24 @@ def test_the_last_person_for_whom_something_was_done_is_not_the_last_who_came(wa
     assert deed in found.clauses[0].claim.persons
 
 
-@pytest.mark.parametrize("question", ["Why did you go idle?", "Why did you fall idle?", "Why did you turn idle?"])
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Why did you go idle?", "Why did you fall idle?", "Why did you turn idle?",
+        "Why did you go back to doing nothing?",
+        "Why did you return to being idle?", "Why did you fall back into doing nothing?",
+    ],
+)  # fmt: skip
 def test_verbs_of_becoming_name_no_deed(waldo, question):
     assert "idle" in answer(waldo, question).text
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["Do you have any plans?", "Have you got something planned?", "Got anything else you want to get done?"],
+)
+def test_plans_that_the_robot_has_are_those_of_now(waldo, question):
+    assert [clause.claim.kind for clause in answer(waldo, question).clauses] == ["nothing_wanted"]
 
 
 @pytest.mark.parametrize(
