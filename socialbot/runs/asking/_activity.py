@@ -337,7 +337,9 @@ def _ends(scope: Scope) -> list[TraceRecord]:
 
 
 def _named(scope: Scope, plans: Sequence[TraceRecord]) -> list[TraceRecord]:
-    """Return the records of plans whose goal or desire has words of the question; all of them if there are none."""
+    """Return the records of the plan that the question names, or whose goal or desire has words of it, or else all."""
+    if scope.question.plan:
+        return [each for each in plans if each.what == scope.question.plan]
     asked = {stem(word) for word in scope.question.unknown}
     named = [each for each in plans if asked.intersection(map(stem, tokens(each.what)))]
     return named or list(plans)

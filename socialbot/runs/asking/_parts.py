@@ -319,6 +319,7 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
     leaves = tells(reading.words, language, "leaves") and not tells(reading.words, language, "comes")
     if person is not None and person.ordinal is not None and leaves and _is_by_departure(reading, person.ordinal):
         person = replace(person, leaves=True)
+    stems = [stem(word) for word in words]
     question = Question(
         None, language.code, (), person, "", "", things, at_s, ago, reading.is_later, span_s, ordinal,
         is_past=_is_past(reading), quantity=quantity,
@@ -332,6 +333,7 @@ def parts_of(words: Sequence[str], subjects: Subjects, language: Language) -> Fo
         unknown=tuple(reading.words[place] for place in reading.free()),
         verb="" if verb is None or verb in explained else reading.words[verb],
         thing_kind=_thing_kind(reading, subjects),
+        plan=next((plan for name, plan in subjects.plan_names.items() if starts(name, stems)), ""),
     )  # fmt: skip
     return Found(reading, question, agents, deeds, referred, verb, asks_for)
 

@@ -60,6 +60,7 @@ class Question:
         reported: Class of the interrogative of an indirect question, ``whether`` without one, if it is what somebody
             asked: ``Did t1 ask why you left?``; ``says`` has its words.
         thing_kind: Kind of the things that the deed is done to, of ``which box``; empty for any.
+        plan: Goal or desire of a plan, if the words have its whole name.
         belief: Name of the belief that it asks for.
         asks_when: Whether it asks since when something was believed.
         by_people: Whether people do the deed, and not the robot: ``Did t1 greet you?``.
@@ -101,6 +102,7 @@ class Question:
     is_synonym: bool = False
     reported: str = ""
     thing_kind: str = ""
+    plan: str = ""
     belief: str = ""
     asks_when: bool = False
     by_people: bool = False

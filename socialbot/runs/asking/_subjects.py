@@ -311,6 +311,13 @@ class Subjects:
         return tuple(dict.fromkeys(names))
 
     @cached_property
+    def plan_names(self) -> Mapping[Phrase, str]:
+        """Goals and desires of all plans by the stems of their words, the longest names first."""
+        wanted = {each.what for each in self.history if each.kind == "plan_start"}
+        names = {tuple(map(stem, tokens(each))): each for each in sorted(wanted)}
+        return dict(sorted(names.items(), key=lambda item: -len(item[0])))
+
+    @cached_property
     def heard_stems(self) -> Set[str]:
         """Stems of the words that people said."""
         return {stem(word) for each in self.heard for word in tokens(each.what)}

@@ -119,3 +119,24 @@ def test_a_false_end_is_found_by_the_verifier(run, folder):
     claim = msgspec.structs.replace(clause.claim, what=("clean_rooms", "failed", ""))
     false = msgspec.structs.replace(found, clauses=(msgspec.structs.replace(clause, claim=claim),))
     assert faults(folder, false)
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("How did the plan sort_boxes end?", "At 10 s the plan for sort_boxes succeeded."),
+        ("When did the plan for sort_boxes end?", "At 10 s the plan for sort_boxes succeeded."),
+        ("Wann war der Plan sort_boxes zu Ende?", "Bei 10 s: der Plan für sort_boxes endete: succeeded."),
+        ("When was sort_boxes_again finished?", "At 15 s the plan for sort_boxes_again succeeded."),
+        ("When did the plan end?", "At 20 s the plan for go_home succeeded."),
+    ],
+)
+def test_a_plan_that_is_named_is_no_other_one(tmp_path, question, text):
+    goals = {"sort_boxes": 10.0, "sort_boxes_again": 15.0, "go_home": 20.0}
+    records = [record(0.0, "ann", "action", "pickup(ann, box_a1)", id="picked")]
+    for number, (goal, end) in enumerate(goals.items(), 1):
+        records += [
+            plan(end - 5.0, "ann", goal, number, "(go ann hall)"),
+            plan_end(end, "ann", goal, number, "succeeded"),
+        ]
+    assert answer(open_run(write_run(tmp_path / "run", records)), question).text == text
