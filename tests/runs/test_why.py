@@ -43,7 +43,7 @@ def test_utterance_is_explained_down_to_the_frame(waldo):
             'GreetPeople() / (several()) >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])]',
             "several() does not hold",
         ),
-        ('+engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)]', 'hello("said") does not hold'),
+        ("+engages(Who) / (ungreeted(Who) & hears(Who)) >> [+greeted(Who)]", 'hears("t1") does not hold'),
         ("+engages(Who) / (ungreeted(Who) & delayed(Who)) >> []", 'delayed("t1") does not hold'),
     ]
     assert "speech" in {effect.kind for effect in said.effects}

@@ -127,11 +127,17 @@ def strides_of(frames: Sequence[Frame], person: str) -> tuple[float, float]:
     return (x1 - x0) / path.seconds, (y1 - y0) / path.seconds
 
 
-def slower(path: Path | None, longer: Path | None) -> Path | None:
-    """Return the slower of two paths. Errors of distances can make a standing person seem to walk for a moment."""
+def newest_path(path: Path | None, longer: Path | None, *, before: bool) -> Path | None:
+    """Return a path with the speed of the slower of two, and the line of the first, since a person may have turned.
+
+    Errors of distances can make a standing person seem to walk for a moment. A person who was attentive ``before`` has
+    turned aside only if both lines lead past the robot.
+    """
     if path is None or longer is None:
         return path or longer
-    return min(path, longer, key=lambda one: one.speed_mps)
+    slower = min(path, longer, key=lambda one: one.speed_mps)
+    line = longer if before and longer.is_towards_robot(before=True) else path
+    return slower._replace(approach_mps=line.approach_mps, passes_m=line.passes_m)
 
 
 def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:

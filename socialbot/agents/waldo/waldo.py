@@ -20,9 +20,9 @@ from socialbot.agents.waldo.encounters import (
     in_base,
     is_undecided,
     may_join,
+    newest_path,
     path_of,
     place_of,
-    slower,
     strides_of,
     telling,
     view_of,
@@ -78,7 +78,11 @@ class greeted(Belief):
 
 
 class hello(SingletonBelief):
-    """Waldo has just greeted somebody: who joins within ``together_s`` has heard it."""
+    """Waldo is greeting somebody: people who appear meanwhile hear it."""
+
+
+class hears(Belief):
+    """This person was present at a greeting, less than ``together_s`` ago: if they join now, they have heard it."""
 
 
 class offered(Belief):
@@ -179,6 +183,7 @@ SOMEBODY = "somebody"  # track id of all people without one
 _RENAMED_S, _RENAMED_M = 4.0, 0.9  # a track that begins so soon and so near where another one ended goes on with it
 _UNSEEN_S = 8.0  # a person outside of the view of a camera that turns counts as present for this long
 _GAP_S = 0.7  # after so long out of view, only new frames of a person count
+_GREETING_S = 1.0  # duration of a greeting
 _DECIDE_S = 1.0  # after so long in view, a person can engage without a measured path
 
 
@@ -367,7 +372,7 @@ class PersonSensor(Sensor):
             if not looks:
                 continue
             engaged, placed = person in self._engaged, place_of(looks[-1]) is not None
-            path = slower(path_of(frames, person), path_of(self._recent(_DECIDE_S), person))
+            path = newest_path(path_of(frames, person), path_of(self._recent(_DECIDE_S), person), before=engaged)
             in_view = self._in_view.get(person, 0)
             is_new = now - max(self._changed.get(person, 0), in_view) < nanoseconds(_DECIDE_S)
             could_show = now - in_view < nanoseconds(_DECIDE_S)  # a face, for the first time
@@ -495,7 +500,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         # Beliefs cause desires ...
         +personDetected("No") >> [DoNothing()],
         atomic(
-            +engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)],
+            +engages(Who) / (ungreeted(Who) & hears(Who)) >> [+greeted(Who)],
             +engages(Who) / (ungreeted(Who) & delayed(Who)) >> [],
             +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +engages(Who) / unoffered(Who) >> [OfferHelp()],
@@ -503,6 +508,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
             +stays(Who) / (personDetected("Next") & unoffered(Who)) >> [OfferHelp()],
             +stays(Who) / personDetected("Yes") >> [+personDetected("Next")],
             +personDetected("Next") / unoffered(_) >> [OfferHelp()],
+            -engages(Other) / (ungreeted(Who) & ~delayed(Who)) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             -converses(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             -converses(Who) / unoffered(Who) >> [OfferHelp()],
         ),
@@ -518,8 +524,12 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         DoNothing() >> [stayIdle()],
         GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
         GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
-        +greeted(Who) / ((Who != SOMEBODY) & ~hello("said")) >> [+hello("said")],
-        +hello("said").held_for(lambda: config.together_s) >> [-hello("said")],
+        # A greeting is heard by the people who are present or appear while it is said, but not by later ones.
+        +greeted(Who) / ((Who != SOMEBODY) & ~hears(Who))
+        >> [+hello("said"), for_each(present(Other), [+hears(Other)])],
+        +present(Who) / ((Who != SOMEBODY) & hello("said")) >> [+hears(Who)],
+        +hello("said").held_for(_GREETING_S) >> [-hello("said")],
+        +hears(Who).held_for(lambda: config.together_s) >> [-hears(Who)],
         OfferHelp() >> [speak("offer"), for_each(engages(Who) & ~offered(Who), [+offered(Who)])],
         # ... and a failed intention is not retried.
         -GreetPeople() >> [stayIdle()],

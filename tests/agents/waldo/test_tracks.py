@@ -162,6 +162,36 @@ def test_who_walks_up_while_others_are_attended_to_is_greeted_on_arrival(facing_
     assert comes_up(corridor, anna, facing_rad=facing_rad) == ["stops", GREETING]
 
 
+def test_who_walks_up_is_greeted_when_the_attended_person_turns_away():
+    corridor = Corridor()
+    corridor.until(4, at("t1", 2.0, 0.5, 0.1))
+    for tenth in range(24):
+        corridor.see(at("t1", 2.0, 0.5, 0.1 if tenth < 12 else 3.0), at("t2", 5.2 - 0.12 * tenth, -0.4))
+        if tenth == 12:
+            assert corridor.said == [GREETING]
+    assert corridor.said == [GREETING] * 2
+
+
+def test_who_turns_towards_the_robot_is_greeted_soon():
+    """A path over the last second still leads across after the turn."""
+    corridor = Corridor()
+    corridor.until(2)
+    for tenth in range(20):
+        corridor.see(at("t1", 5.0, 2.2 - 0.11 * tenth))
+    assert corridor.said == []
+    for tenth in range(5):
+        corridor.see(at("t1", 4.9 - 0.11 * tenth, 0.1))
+    assert corridor.said == [GREETING]
+
+
+@pytest.mark.parametrize(("seen_s", "greetings"), [(0.2, 1), (0.6, 1), (1.6, 2)])
+def test_a_greeting_is_heard_by_people_who_are_present_while_it_is_said(seen_s, greetings):
+    corridor = Corridor()
+    corridor.until(0.5 + seen_s, ANNA)
+    corridor.until(5, ANNA, BEN)
+    assert corridor.said == [GREETING] * greetings
+
+
 def test_who_passes_while_others_are_attended_to_is_not_greeted():
     corridor = Corridor()
     anna = at("t1", 2.0, 0.5)
