@@ -135,7 +135,7 @@ class _PipedFile:
         self._thread.start()
 
     def _copy(self, reading: int, file: BinaryIO) -> None:
-        with open(reading, "rb") as pipe:
+        with os.fdopen(reading, "rb") as pipe:
             try:
                 with file:
                     shutil.copyfileobj(pipe, file)
