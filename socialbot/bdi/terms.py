@@ -337,8 +337,8 @@ class Comparison(Quoted, Condition):
         return f"{show(self.left)} {self.symbol} {show(self.right)}"
 
 
-def variables(names: str) -> Any:
-    """Create variables from names that are separated by blanks.
+def variables(*names: str) -> Any:
+    """Create variables from names, which may also be separated by blanks.
 
     >>> K = variables("K")
     >>> X, Y = variables("X Y")
@@ -349,9 +349,9 @@ def variables(names: str) -> Any:
     Raises:
         RuleError: A name is not valid or given twice.
     """
-    parts = names.split()
+    parts = " ".join(names).split()
     if len(set(parts)) < len(parts):
-        raise RuleError(f"variables({names!r}) needs different names", remedy='write X, Y = variables("X Y")')
+        raise RuleError(f"variables({' '.join(names)!r}) needs different names", remedy='write X, Y = variables("X Y")')
     made = tuple(map(Variable, parts))
     if len(made) != 1:
         return made

@@ -125,6 +125,7 @@ def test_one_name_makes_one_variable_and_several_make_a_tuple():
     assert isinstance(alone, Variable)
     assert isinstance(unpacked, Variable)
     assert [each.name for each in variables("A B")] == ["A", "B"]
+    assert [each.name for each in variables("A", "B")] == ["A", "B"]
     assert [*unpacked, *unpacked] == [unpacked, unpacked], "code that makes rules may unpack one variable like several"
     refused(lambda: [do(each) for each in X], "for_each")
 
