@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import is_hypothesis_test, settings
+from hypothesis import settings
 
 from socialbot.bridge.environment import own_domain
 from socialbot.core import paths
@@ -25,9 +25,6 @@ settings.load_profile("socialbot")
 
 DOMAINS = range(20, 60)
 """ROS domains for test workers, below those of isolated runs."""
-
-QUICK_SHARE, FEWEST_EXAMPLES = 3, 20
-"""Runs without slow tests try one of three examples of a property, but at least 20. Each run draws other examples."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -40,16 +37,6 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(claim.close)
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; there is no screen
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.option.markexpr != "not slow":
-        return
-    functions = {getattr(item.obj, "__func__", item.obj) for item in items if isinstance(item, pytest.Function)}
-    for function in filter(is_hypothesis_test, functions):
-        given = function._hypothesis_internal_use_settings
-        few = min(given.max_examples, max(FEWEST_EXAMPLES, given.max_examples // QUICK_SHARE))
-        function._hypothesis_internal_use_settings = settings(given, max_examples=few)
 
 
 def pytest_collection_finish() -> None:
