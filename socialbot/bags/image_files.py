@@ -29,6 +29,7 @@ _REMEDY = "remove or replace this image"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _SCAN = b"\xff\xda"
+_EXIF = b"Exif\0\0"
 
 _FILLED = 0x4000  # Values of 16 bits that span so much keep their upper 8 bits.
 _LEAST_SPAN = 0x200  # Images of a smaller span show the noise of a covered camera.
@@ -87,7 +88,7 @@ def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray
         raise ImageError(f"more than {JPEG_SCANS} scans", where=where, remedy=_REMEDY)
     try:
         flags = READ_DEEP if turned else READ_DEEP | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+        pixels = cv2.imdecode(np.frombuffer(_with_plain_exif(data), np.uint8), flags) if data else None
     except cv2.error as error:
         what = too_many_pixels() if "MAX_IMAGE_PIXELS" in str(error) else f"cannot be decoded: {error.err}"
         raise ImageError(what, where=where, remedy=_REMEDY) from error
@@ -98,6 +99,18 @@ def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"has values of type {pixels.dtype}", where=where, remedy="convert it to 8 or 16 bits")
     return eight_bits(pixels)
+
+
+def _with_plain_exif(data: bytes) -> bytes:
+    """Remove the prefix of JPEG from the EXIF of a WebP: many programs write it, and OpenCV then reads no EXIF."""
+    at = 12 if data[:4] == b"RIFF" and data[8:12] == b"WEBP" else len(data)
+    while at + 8 <= len(data):
+        kind, length = struct.unpack_from("<4sI", data, at)
+        begin, at = at + 8, at + 8 + length + length % 2
+        if kind == b"EXIF" and data.startswith(_EXIF, begin) and length > len(_EXIF):
+            end = begin + length
+            return data[:begin] + data[begin + len(_EXIF) : end] + bytes(len(_EXIF)) + data[end:]
+    return data
 
 
 def eight_bits(values: np.ndarray) -> np.ndarray:

@@ -252,3 +252,23 @@ def test_images_of_a_file_are_turned_as_they_are_shown(tmp_path: Path) -> None:
     # Pixels of a camera are those of the sensor, which its CameraInfo describes.
     message = CompressedImage(stamp=0, frame_id="", format="jpeg", data=np.frombuffer(path.read_bytes(), np.uint8))
     assert bgr_from_compressed(message).shape == (120, 160, 3)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_webp_files_are_turned_as_they_are_shown(tmp_path: Path, orientation: int) -> None:
+    """Many programs put the prefix of JPEG before the EXIF of a WebP, which OpenCV does not expect."""
+    shown = np.zeros((160, 120, 3), np.uint8)
+    shown[:40, :60] = 200
+    stored = shown if orientation < 5 else cv2.transpose(shown)
+    flips = {2: 1, 3: -1, 4: 0, 6: 0, 7: -1, 8: 1}  # before the pixels are turned
+    stored = cv2.flip(stored, flips[orientation]) if orientation in flips else stored
+    (width, height), lossless = stored.shape[1::-1], [cv2.IMWRITE_WEBP_QUALITY, 101]
+    exif = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x112, 3, 1, orientation, 0, 0)
+    size = (width - 1).to_bytes(3, "little") + (height - 1).to_bytes(3, "little")
+    coded = cv2.imencode(".webp", stored, lossless)[1].tobytes()[12:]
+    path = tmp_path / "a.webp"
+    for content, expected in ((b"Exif\0\0" + exif, shown), (exif, shown), (b"", stored)):
+        chunks = b"VP8X" + struct.pack("<IB3x", 10, 8) + size + coded
+        chunks += b"EXIF" + struct.pack("<I", len(content)) + content
+        path.write_bytes(b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks)
+        np.testing.assert_array_equal(read_image(path), expected)
