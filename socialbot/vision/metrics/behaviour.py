@@ -210,6 +210,8 @@ def _message(found: FoundFrame) -> PersonDetections:
         width=found.width,
         height=found.height,
         persons=tuple(found.persons),
+        camera_yaw_rad=found.camera_yaw_rad,
+        camera_hfov_rad=found.camera_hfov_rad,
         faces=found.faces,
     )
 

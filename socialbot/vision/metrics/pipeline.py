@@ -168,24 +168,28 @@ class EvaluatedPipeline:
             **{name: values[name] for name in ("remember_s", "person_height_m", "hide_still", "faces")},
         )
 
-    @property
-    def searches_faces(self) -> bool:
-        """Whether faces of tracked people are searched."""
-        return self._pipeline.searches_faces
-
-    def find(self, image: np.ndarray, encoded: EncodedImage) -> tuple[Persons, Persons]:
+    def find(self, image: np.ndarray, encoded: EncodedImage) -> FoundFrame:
         """The people in ``image``, decoded from ``encoded``, and all boxes of the detector with ``recording``.
 
         Raises MessageError for an uncalibrated camera.
         """
-        camera, depth = self._camera.at(encoded, image.shape[1], image.shape[0])
+        height, width = image.shape[:2]
+        camera, depth = self._camera.at(encoded, width, height)
+        raw: Persons = ()
         if self._floor is None:
-            return self._pipeline.find(image, encoded.stamp, camera, depth), ()
-        # With greedy suppression, boxes above the threshold do not depend on those below it.
-        found = self._pipeline.detect(image, camera, self._floor)
-        good = found.scores >= self._pipeline.threshold
-        kept = Detections(found.boxes[good], found.scores[good])
-        return self._pipeline.follow(kept, image, encoded.stamp, camera, depth), self._pipeline.measured(found, camera)
+            persons = self._pipeline.find(image, encoded.stamp, camera, depth)
+        else:
+            # With greedy suppression, boxes above the threshold do not depend on those below it.
+            found = self._pipeline.detect(image, camera, self._floor)
+            good = found.scores >= self._pipeline.threshold
+            kept = Detections(found.boxes[good], found.scores[good])
+            persons = self._pipeline.follow(kept, image, encoded.stamp, camera, depth)
+            raw = self._pipeline.measured(found, camera)
+        yaw_rad = camera.yaw_rad
+        return FoundFrame(
+            encoded.stamp, width, height, persons, raw, self._pipeline.searches_faces,
+            yaw_rad, None if yaw_rad is None else camera.hfov_rad,
+        )  # fmt: skip
 
 
 def with_distances(source: LabelledSource, topic: str, settings: PipelineSettings) -> LabelledSource:
@@ -267,7 +271,8 @@ class Job:
 class FoundFrame:
     """Result for one image: people of the pipeline, and ``raw`` boxes of the detector down to a low score.
 
-    ``faces`` tells whether faces are searched.
+    ``faces`` tells whether faces are searched. The direction of the camera and its field of view are those of
+    `PersonDetections`.
     """
 
     stamp: int
@@ -276,6 +281,8 @@ class FoundFrame:
     persons: tuple[PersonDetection, ...]
     raw: tuple[PersonDetection, ...]
     faces: bool | None = None
+    camera_yaw_rad: float | None = None
+    camera_hfov_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -314,8 +321,7 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
                 where=encoded.name or f"{job.name}: frame {encoded.stamp}",
                 remedy="check that the boxes belong to this image, in its original size",
             )
-        persons, raw = pipeline.find(image, encoded)
-        frames.append(FoundFrame(encoded.stamp, width, height, persons, raw, pipeline.searches_faces))
+        frames.append(pipeline.find(image, encoded))
         advance(number)
     return Found(tuple(frames), damaged, first)
 

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
+import msgspec
 import pytest
 
 from socialbot.graph.files import load_graph
 from socialbot.vision.metrics.behaviour import behaviour, single_node, visits
-from socialbot.vision.metrics.frames import LabelledFrame
+from socialbot.vision.metrics.frames import BagImages, LabelledFrame
+from socialbot.vision.metrics.pipeline import EvaluatedPipeline, PipelineSettings
 from socialbot.vision.metrics.truth import TruthPerson
 from tests.vision.metrics.scenes import START, TENTH, found, frame, person, seen
 
@@ -173,3 +176,33 @@ def test_the_actions_may_have_another_topic():
     expected = behaviour(WALDO, *stays)
     assert expected.count("greeting")["in time"] == 1
     assert behaviour(replace(WALDO, nodes=(node,)), *stays) == expected
+
+
+def test_a_person_outside_of_the_view_of_a_head_that_turns_stays():
+    """The head looks elsewhere for three seconds while the person waits: the time to the offer goes on."""
+    looks = [
+        replace(
+            found(
+                *([] if aside else [msgspec.structs.replace(seen(distance=2.0, track="t1"), bearing_rad=0.0)]),
+                number=number,
+            ),
+            camera_yaw_rad=1.2 if aside else 0.0,
+            camera_hfov_rad=1.0,
+        )
+        for number in range(120)
+        for aside in [40 <= number < 70]
+    ]
+    truth = story(12, ("p", 0, 12, 2.0))
+    assert counts(truth, looks, "offer") == {"in time": 1}
+    still = [replace(look, camera_yaw_rad=None, camera_hfov_rad=None) for look in looks]
+    assert counts(truth, still, "offer") != {"in time": 1}
+
+
+def test_evaluations_know_the_direction_of_a_camera_that_turns():
+    images = BagImages("data/synthetic/turning_tune", "/camera/image_raw/compressed")
+    pipeline = EvaluatedPipeline(PipelineSettings("hog"), images, recording=False)
+    looks = [pipeline.find(each.bgr(), each) for each in islice(images.read(), 0, 70, 12)]
+    yaws = [look.camera_yaw_rad for look in looks]
+    assert None not in yaws
+    assert len(set(yaws)) > 2
+    assert all(look.camera_hfov_rad for look in looks)
