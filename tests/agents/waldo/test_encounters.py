@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from socialbot.agents.waldo.encounters import Path, View, attention, is_undecided, slower, telling
+from socialbot.agents.waldo.encounters import Path, View, attention, is_undecided, newest_path, telling
 from socialbot.core.messages import PersonDetection
 
 COMES = Path(seconds=1.0, speed_mps=1.2, approach_mps=1.2, passes_m=0.2)
@@ -89,9 +89,30 @@ def test_more_frames_are_needed_until_a_path_or_a_face_is_known(path, with_faces
     assert not is_undecided(person(None), path, faces=True)
 
 
-def test_the_slower_path_counts():
-    assert slower(COMES, STANDS) == slower(STANDS, COMES) == slower(None, STANDS) == slower(STANDS, None) == STANDS
-    assert slower(None, None) is None
+def walks_up(path: Path, longer: Path, *, before: bool) -> bool:
+    newest = newest_path(path, longer, before=before)
+    assert newest is not None
+    assert newest.speed_mps == min(path.speed_mps, longer.speed_mps)
+    return newest.is_towards_robot(before=before)
+
+
+def test_the_slower_speed_counts_with_the_newest_line():
+    assert not walks_up(PASSES, STANDS, before=False)
+    assert walks_up(STANDS, PASSES, before=False)
+    assert walks_up(COMES, PASSES, before=False)
+    assert not walks_up(PASSES, COMES, before=False)
+
+
+def test_a_visitor_has_turned_aside_only_if_both_lines_pass_the_robot():
+    assert walks_up(PASSES, COMES, before=True)
+    assert walks_up(COMES, PASSES, before=True)
+    assert not walks_up(PASSES, PASSES, before=True)
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_single_path_counts(before):
+    assert newest_path(None, STANDS, before=before) == newest_path(STANDS, None, before=before) == STANDS
+    assert newest_path(None, None, before=before) is None
 
 
 def test_the_edge_of_a_view_is_not_in_it():
