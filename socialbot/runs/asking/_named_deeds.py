@@ -44,11 +44,13 @@ class NamedDeed:
             a ``loose`` phrase from names, a ``synonym``, the ``act`` that words do, the ``name`` in its argument, words
             that are ``said``, and words of its records and their ``cause``.
         places: Places of the words that name it.
+        caused: Those that only its cause has.
     """
 
     topic: Topic
     evidence: Evidence
     places: frozenset[int]
+    caused: frozenset[int] = frozenset()
 
     @property
     def is_opposite(self) -> bool:
@@ -178,7 +180,8 @@ def _named(
     found = {place for at in places.values() for place in at}
     of_deed = {word for phrase in (*topic.words.get(code, ()), *topic.loose) for word in phrase}
     found |= {at for at in free if any(resembles(at, word) for word in of_deed)}
-    return NamedDeed(topic, evidence, frozenset(found))
+    others = {place for kind, at in places.items() if kind != "cause" for place in at}
+    return NamedDeed(topic, evidence, frozenset(found), frozenset(places.get("cause", ())) - others)
 
 
 def _is_whole_meaning(topic: Topic, meant: Sequence[Named]) -> bool:

@@ -435,6 +435,8 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
         return True  # "Where is the vacuum?"
     if verb is None or (verb in found.reading.places("do") and "thing" in deed.evidence):
         return False  # "Did you do the kitchen?"
+    if verb in deed.caused:
+        return True  # "Did you open the door?" is not about what was done because the door was open
     if verb in deed.places:
         return _has_other_particle(words[verb : verb + 3], verb + 1 in deed.places)
     return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)

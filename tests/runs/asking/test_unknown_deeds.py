@@ -463,3 +463,38 @@ def test_what_is_left_to_do_is_what_is_intended(waldo, question):
 def test_only_deeds_with_the_kind_that_is_asked_for_are_possible(yard, question, possible):
     found = {each.deed.topic.name for each in candidates(question, facts_of(yard).subjects) if each.deed is not None}
     assert found & {"put", "pickup"} == {possible}
+
+
+@pytest.fixture(scope="module")
+def doorkeeper() -> RunView:
+    """Return the run of an agent that asks people to close the door, since it is open."""
+    told = (
+        ("belief", "door_open()", ""),
+        ("goal", "closed()", "belief-0"),
+        ("action", 'say("Please close the door.")', "goal-1"),
+    )
+    records = [
+        TraceRecord(stamp=(n + 1) * SECOND, id=f"{kind}-{n}", source="guard", kind=kind, what=what, cause=cause)
+        for n, (kind, what, cause) in enumerate(told)
+    ]
+    return RunView(None, History(records), None)
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Why did you open the door?",
+        "Did you open the door?",
+        "How often did you open the door?",
+        "When did you open it?",
+    ],
+)
+def test_the_verb_of_a_question_is_no_cause_of_another_deed(doorkeeper, question):
+    assert not answer(doorkeeper, question).known
+
+
+@pytest.mark.parametrize(
+    "question", ["What did you say when the door was open?", "Why did you complain about the open door?"]
+)
+def test_a_deed_may_be_named_by_its_cause(doorkeeper, question):
+    assert answer(doorkeeper, question).clauses[0].records == ("action-2",)
