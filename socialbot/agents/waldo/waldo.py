@@ -508,7 +508,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
             +stays(Who) / (personDetected("Next") & unoffered(Who)) >> [OfferHelp()],
             +stays(Who) / personDetected("Yes") >> [+personDetected("Next")],
             +personDetected("Next") / unoffered(_) >> [OfferHelp()],
-            -engages(Other) / (ungreeted(Who) & ~delayed(Who)) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
+            -engages(Other) / (ungreeted(Who) & ~delayed(Who)) >> [GreetPeople()],
             -converses(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             -converses(Who) / unoffered(Who) >> [OfferHelp()],
         ),
