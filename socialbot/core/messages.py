@@ -8,9 +8,8 @@ with its schema name and version (``docs/schemas``).
 from __future__ import annotations
 
 import functools
-import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import msgspec
@@ -256,29 +255,11 @@ class Structured(
 
 
 def check_fields(message: Structured, *, where: str) -> None:
-    """Check the types of all fields, and that JSON can hold their numbers. Raises MessageError."""
+    """Check the types of all fields. Raises MessageError."""
     try:
-        plain = msgspec.to_builtins(message)
-        from_builtins(plain, type(message))
+        from_builtins(msgspec.to_builtins(message), type(message))
     except (TypeError, msgspec.ValidationError) as error:
         raise MessageError(f"no valid {type(message).__name__}: {error}", where=where) from error
-    for place, number in _not_finite(plain):
-        what = f"no valid {type(message).__name__}: {place} is {number}"
-        raise MessageError(
-            what, where=where, remedy="JSON has no such number; leave it out, or make the field optional"
-        )
-
-
-def _not_finite(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
-    """Yield infinite numbers and NaN in plain values, with their places."""
-    if isinstance(value, float) and not math.isfinite(value):
-        yield place, value
-    elif isinstance(value, dict):
-        for key, each in value.items():
-            yield from _not_finite(each, f"{place}[{key!r}]" if place else str(key))
-    elif isinstance(value, (list, tuple)):
-        for index, each in enumerate(value):
-            yield from _not_finite(each, f"{place}[{index}]")
 
 
 class PictureAck(Structured, frozen=True, kw_only=True):

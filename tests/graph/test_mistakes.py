@@ -11,7 +11,7 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Action, Belief, Engine
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError, RuleError
-from socialbot.core.messages import Health, Structured, Utterance, check_fields
+from socialbot.core.messages import Health, Structured, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
@@ -406,22 +406,3 @@ def test_an_unknown_choice_of_numbers_names_the_known_ones():
 def test_a_port_has_a_message_type(kind: object):
     with pytest.raises(GraphError, match="is no message"):
         Input(kind, "/in")  # type: ignore[arg-type]
-
-
-class Reach(Structured, frozen=True, kw_only=True):
-    """Distances that may be unknown."""
-
-    distances: tuple[float | None, ...] = ()
-    by_name: dict[str, float]
-
-
-@pytest.mark.parametrize(
-    ("message", "place"),
-    [
-        (Reach(stamp=0, distances=(1.0, float("inf")), by_name={}), "distances[1] is inf"),
-        (Reach(stamp=0, by_name={"a": float("nan")}), "by_name['a'] is nan"),
-    ],
-)
-def test_a_number_that_json_cannot_hold_is_reported(message: Reach, place: str):
-    with pytest.raises(MessageError, match=re.escape(place)):
-        check_fields(message, where="/out")
