@@ -36,7 +36,7 @@ def test_book_of_a_dead_runner_is_taken_from_its_hands(planner: str):
     assert "runner1 does not answer" in run.problems
 
 
-@PLANNERS
+@QUICK_PLANNER
 def test_porter_that_hangs_is_replaced(planner: str):
     run = LibraryRun(planner, "3 stalls porter1 100000").until(300.0)
     assert run.delivered() == ALL
