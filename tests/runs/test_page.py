@@ -170,9 +170,9 @@ def test_click_on_a_plan_shows_its_rejections(visit):
     plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
     plan.click()
     expect(visit.page.locator("#pane-why h3.code").first).to_contain_text("greeting_several")
-    expect(visit.page.locator("#pane-why .note")).to_contain_text("It leads to GreetPeople()")
-    expect(visit.page.locator("#pane-why .because")).to_contain_text("several() does not hold")
-    visit.page.locator("#pane-why .rejected .when").click()
+    expect(visit.page.locator("#pane-why .note").first).to_contain_text("It leads to GreetPeople()")
+    expect(visit.page.locator("#pane-why .because").first).to_contain_text("several() does not hold")
+    visit.page.locator("#pane-why .rejected .when").first.click()
     visit.page.wait_for_function("() => document.body.dataset.shown > 0")
 
 
