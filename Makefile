@@ -29,8 +29,8 @@ BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
 PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
 JOBS ?= 2
-# Two more than processors: system tests wait for other processes.
-WORKERS ?= 4
+# One more than processors: system tests wait for other processes.
+WORKERS ?= 3
 SECONDS ?= 30
 # Without the compiled files, each of the many processes that tests start would compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import re
 import shlex
+import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -156,6 +159,24 @@ def test_old_names_of_options_work_with_a_warning(old: str, new: str, capsys: py
     assert with_new_names(["why", "--json"]) == ["why", "--json"]
     assert with_new_names(["evaluate", "--", "--raw"]) == ["evaluate", "--", "--raw"]
     assert capsys.readouterr().err == ""
+
+
+def test_a_damaged_compiled_module_is_removed(tmp_path: Path) -> None:
+    """A disk that becomes full while Python compiles leaves a part of the file, which would end each start."""
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+
+    def shown_help() -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "socialbot", "cache", "--help"]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+
+    assert shown_help().returncode == 0
+    (compiled,) = tmp_path.rglob(f"cli/cache.{sys.implementation.cache_tag}.pyc")
+    compiled.write_bytes(compiled.read_bytes()[:200])
+    refused = shown_help()
+    assert refused.returncode == 5, refused.stderr
+    assert str(compiled) in refused.stderr
+    assert shown_help().returncode == 0
 
 
 def leaves(found: Any) -> list[Any]:

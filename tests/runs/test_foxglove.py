@@ -279,7 +279,7 @@ def test_a_rerun_recording_that_cannot_be_written_leaves_no_file(run: RecordedRu
     """Rerun writes in a thread, so the error comes at the end; in a process of its own, for which Rerun would wait."""
     pytest.importorskip("rerun")
     out = tmp_path / "run.rrd"
-    command = f'ulimit -f 4; exec "{sys.executable}" -m socialbot export "{run.folder}" "{out}"'
+    command = f'ulimit -f 4; exec "{sys.executable}" -B -m socialbot export "{run.folder}" "{out}"'
     told = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=PATIENCE_S)
     assert told.returncode == 3, told.stderr
     assert f"{out}: cannot be written" in told.stderr
