@@ -96,7 +96,8 @@ class Launch:
         return process
 
     def check(self) -> None:
-        """Raises NodeError if a process has failed."""
+        """Report that this process is alive. Raises NodeError if a process of the graph has failed."""
+        report_alive()
         for name, process in self._processes.items():
             code = process.poll()
             if code:

@@ -18,7 +18,7 @@ from socialbot.graph.files import load_graph
 from socialbot.runtime import _processes
 from socialbot.runtime import fork_server as fork_server_module
 from socialbot.runtime.fork_server import ForkedProcess, ForkServer, started_early
-from tests.system.running import eventually
+from tests.system.running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.ros, pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")]
 
@@ -204,3 +204,25 @@ run()
     ended = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True)
     assert ended.returncode == 4
     assert ended.stdout.strip() == "[]"
+
+
+def test_a_run_that_attends_its_processes_is_not_hung(tmp_path: Path) -> None:
+    """The start of a server reports the first sign of life; a run of minutes must go on with them."""
+    program = f"""
+import time
+from pathlib import Path
+from socialbot.core.process_guard import guarded, report_alive
+from socialbot.graph.files import load_graph
+from socialbot.runtime.launch import Launch
+
+launch = Launch(load_graph("waldo"), Path({str(tmp_path)!r}))
+with guarded(hung_s=5.0):
+    report_alive()
+    end = time.monotonic() + 8.0
+    while time.monotonic() < end:
+        launch.check()
+        time.sleep(0.1)
+launch.stop()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert ended.returncode == 0, ended.stderr
