@@ -130,7 +130,7 @@ def strides_of(frames: Sequence[Frame], person: str) -> tuple[float, float]:
 def newest_path(path: Path | None, longer: Path | None, *, before: bool) -> Path | None:
     """Return a path with the speed of the slower of two, and the line of the first, since a person may have turned.
 
-    Errors of distances can make a standing person seem to walk for a moment. A person who was attentive ``before`` has
+    A standing person may seem to walk for a moment, as distances have errors. Somebody who was attentive ``before`` has
     turned aside only if both lines lead past the robot.
     """
     if path is None or longer is None:

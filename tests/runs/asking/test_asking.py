@@ -522,6 +522,14 @@ def test_the_words_of_a_spoken_question_may_be_misheard(waldo, times):
     assert answer_heard(texts, partial(answer, run, asked_as=asked[-1].id))[0] == texts[1]
 
 
+def test_a_spoken_question_does_not_record_its_own_words(waldo):
+    asked = TraceRecord(
+        stamp=list(waldo.history)[-1].stamp, id="heard", source="ears", kind="hearing", what="Why did you read me?"
+    )
+    run = RunView(waldo.graph, History([*waldo.history, asked]), None)
+    assert kinds(answer(run, asked.what, asked_as=asked.id)) == ["not_named"]
+
+
 @pytest.mark.parametrize(
     ("heard", "alternatives", "taken"),
     [
