@@ -417,7 +417,10 @@ def test_invalid_domain_of_the_caller_is_refused():
 @pytest.mark.ros
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
 def test_errors_of_dds_do_not_damage_the_output(other_domain: int, discovery: str) -> None:
-    """Such as of a port in shared memory that another process has locked."""
+    """Such as of a port in shared memory that another process has locked.
+
+    DDS refuses such a port without a message if a killed process has left its memory, so that is removed first.
+    """
     code = """
 from socialbot.bridge.environment import spinning_node
 with spinning_node("told"):
@@ -432,6 +435,7 @@ with spinning_node("told"):
             with contextlib.suppress(BlockingIOError):  # another process has locked it
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 own.append(path)
+                path.with_name(path.name.removesuffix("_el")).unlink(missing_ok=True)
         variables = {"ROS_DOMAIN_ID": str(other_domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery}
         ended = subprocess.run(
             [sys.executable, "-c", code], text=True, capture_output=True, check=True, env={**os.environ, **variables}
