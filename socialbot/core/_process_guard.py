@@ -22,6 +22,7 @@ import time
 STEP_S = 0.5
 """Longest step of a time limit: a computer that was suspended, or has no time for this process, takes more."""
 
+STARVED_LIMITS = 6  # so many time limits are too many also for a process that waits for a processor
 DUMP_S = 1.0  # time for a process to write the stacks of its threads
 END_REQUESTS = {bytes([number]) for number in (signal.SIGINT, signal.SIGTERM)}
 MAX_BYTES = 64
@@ -36,6 +37,7 @@ class Guard:
         self._children: set[int] = set()
         self._ending_s: float | None = None
         self._silent_s: float | None = None
+        self._waits_s: dict[str, float] = {}
 
     def watch(self) -> None:
         """Watch until the process is done or has ended; then end its children."""
@@ -44,7 +46,8 @@ class Guard:
             ready, _, _ = select.select([0, *self._children], [], [], STEP_S)
             now = time.monotonic()
             if not self._is_stopped():
-                self._count(min(now - before, STEP_S))
+                passed_s = min(now - before, STEP_S)
+                self._count(max(passed_s - self._starved_s(), passed_s / STARVED_LIMITS))
             before = now
             self._forget(ready)
             if 0 in ready:
@@ -64,6 +67,18 @@ class Guard:
             self._ending_s += passed_s
         if self._silent_s is not None:
             self._silent_s += passed_s
+
+    def _starved_s(self) -> float:
+        """The wait for a processor (s) since the last look, of the thread that waited longest."""
+        before, self._waits_s = self._waits_s, {}
+        folder = f"/proc/{self._pid}/task"
+        try:
+            for thread in os.listdir(folder):
+                with open(f"{folder}/{thread}/schedstat", "rb") as file:
+                    self._waits_s[thread] = int(file.read().split()[1]) / 1e9
+        except (OSError, IndexError):  # a thread has ended, or Linux does not count
+            pass
+        return max((wait_s - before.get(thread, wait_s) for thread, wait_s in self._waits_s.items()), default=0.0)
 
     def _note(self, message: bytes) -> None:
         word, _, number = message.partition(b" ")

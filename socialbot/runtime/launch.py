@@ -358,6 +358,7 @@ class Supervisor:
     def stop(self) -> None:
         self._fork_server.close()
         end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
+        report_alive()  # before the caller leaves DDS
         for member in self.members.values():
             self._part(member)
             member.due = None

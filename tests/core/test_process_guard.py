@@ -105,6 +105,30 @@ with guarded():
     assert "in call_native_code" in crashed.errors
 
 
+def test_a_process_that_waits_for_a_processor_is_not_hung(tmp_path: Path, started: list[Guarded]) -> None:
+    program = """
+def waited_s():
+    return int(open("/proc/self/schedstat").read().split()[1]) / 1e9
+
+os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
+with guarded(hung_s=1.0, children_s=0.0):
+    others = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(5)]
+    for other in others:
+        guard_child(other.pid)
+    report_alive()
+    say("ready")
+    before = waited_s()
+    while waited_s() < before + 3:
+        pass
+    for other in others:
+        other.kill()
+say("done")
+"""
+    starved = start(program, tmp_path, started)
+    assert eventually(lambda: starved.process.poll() is not None)
+    assert "done" in starved.output, starved.errors
+
+
 def test_a_process_that_ends_needs_no_guard(tmp_path: Path, started: list[Guarded]) -> None:
     program = """
 with guarded(end_s=0.5), Ending().on_signals() as ending:
