@@ -2,12 +2,13 @@
 
 import sys
 
-from socialbot.core.process import exit_on_signals, keep_freed_memory, run_to_exit
+from socialbot.core.process import exit_on_signals, keep_freed_memory, replace_damaged_modules, run_to_exit
 
 
 def run() -> None:
     """Run the command line. Signals end it cleanly from the start, also during imports."""
     exit_on_signals()
+    replace_damaged_modules()
     keep_freed_memory()
     from socialbot.cli.main import main
 

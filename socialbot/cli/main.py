@@ -19,7 +19,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from traceback import walk_tb
 from typing import Annotated, Any, NoReturn, TextIO, cast
 
 import typer
@@ -102,22 +101,6 @@ class CommandGroup(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names by panel, in the order of `PANELS`."""
         return sorted(self.commands, key=lambda name: (PANELS.index(_load(name).rich_help_panel), name))
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run a command; remove a damaged compiled module, which would end each start.
-
-        Before 3.12.8 and 3.13.1, Python keeps a part of such a file when the disk becomes full while it is written.
-        """
-        try:
-            return super().invoke(ctx)
-        except EOFError as error:
-            *_, (frame, _) = walk_tb(error.__traceback__)
-            compiled = frame.f_locals.get("bytecode_path")
-            if not isinstance(compiled, str):
-                raise
-            Path(compiled).unlink(missing_ok=True)
-            what = "was a damaged compiled module, perhaps of a full disk; it is removed"
-            raise InstallationError(what, where=compiled, remedy="enter the command again") from error
 
 
 app = typer.Typer(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
+import importlib.util
 import logging
 import os
 import resource
@@ -13,8 +14,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
+
+log = logging.getLogger("socialbot.process")
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -49,6 +53,30 @@ def _ignore_signals() -> None:
     # Python restores its default handlers before module cleanup, which is slow on a busy machine.
     for number in ENDING_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+def replace_damaged_modules() -> None:
+    """Let imports of this process compile a module again whose compiled file is damaged, and remove that file.
+
+    Before 3.12.8 and 3.13.1, Python keeps a part of such a file when the disk becomes full while it is written. Each
+    later import of the module would fail.
+    """
+    read = SourceFileLoader.get_code
+
+    def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
+        try:
+            return read(loader, fullname)
+        except (EOFError, ValueError, TypeError, ImportError) as error:  # the errors of marshal and of its caller
+            compiled = Path(importlib.util.cache_from_source(loader.path))
+            if not compiled.exists():
+                raise
+            code = loader.source_to_code(loader.get_data(loader.path), loader.path)
+            log.warning("%s is damaged, perhaps by a full disk, and is compiled again: %s", compiled, error)
+            with contextlib.suppress(OSError):  # it cannot be written: the next start compiles the module, too
+                compiled.unlink()
+            return code
+
+    SourceFileLoader.get_code = get_code
 
 
 FIRST_VICTIM = 500

@@ -33,7 +33,7 @@ import msgspec
 
 from socialbot.bridge.environment import CHANNEL_VARIABLE, has_keys
 from socialbot.core.decoding import from_json
-from socialbot.core.process import python_command
+from socialbot.core.process import python_command, replace_damaged_modules
 from socialbot.core.process_guard import guard_child, report_alive
 from socialbot.runtime._processes import (
     LOOK_S,
@@ -293,6 +293,7 @@ def _adopting_orphans() -> Iterator[None]:
 def main() -> None:
     """Serve fork requests until the connection breaks."""
     connection = socket.socket(fileno=int(sys.argv[1]))
+    replace_damaged_modules()
     for module in PRELOADED:
         importlib.import_module(module)
     from socialbot.__main__ import prepare, run

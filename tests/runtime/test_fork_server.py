@@ -52,6 +52,24 @@ def test_a_fork_runs_the_command_line_and_logs_its_error(fork_server: ForkServer
     assert "Traceback" not in log.read_text()
 
 
+def test_a_server_compiles_damaged_modules_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the nodes of its graph, and of those that each node imports."""
+    monkeypatch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path / "compiled"))
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    names = ("agents/waldo/nodes", "bridge/_node_thread")
+    for is_damaged in (False, True):
+        server = ForkServer(load_graph("waldo"), tmp_path)
+        try:
+            process = server.start(UNKNOWN_NODE, tmp_path / "log")
+            assert isinstance(process, ForkedProcess)
+            assert process.wait(WAIT_S) == 4
+        finally:
+            server.close()
+        for name in () if is_damaged else names:
+            compiled = next(tmp_path.rglob(f"socialbot/{name}.{sys.implementation.cache_tag}.pyc"))
+            compiled.write_bytes(compiled.read_bytes()[:200])
+
+
 def test_a_process_adopts_orphans_only_during_a_request(fork_server: ForkServer, tmp_path: Path):
     fork_server.start(UNKNOWN_NODE, tmp_path / "log").wait(WAIT_S)
     assert not is_subreaper()
