@@ -29,7 +29,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from socialbot.core.errors import SocialbotError
-from socialbot.core.paths import replace_file
+from socialbot.core.paths import replace_file, sync_folder
 from socialbot.core.reading import open_file
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
@@ -111,8 +111,11 @@ def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = ti
         if secret != private:
             pause(2 * RELOAD_PERIOD_S)
             secret.replace(private)
+            sync_folder(folder)  # a power cut after the second step must not undo the first
         pause(2 * RELOAD_PERIOD_S)
-        return public.replace(folder / f"{name}{PUBLIC}")
+        replaced = public.replace(folder / f"{name}{PUBLIC}")
+        sync_folder(folder)
+        return replaced
     except OSError as error:
         what = f"cannot replace the key {name!r}: {error.strerror}"
         raise SecurityError(what, where=str(folder), remedy="make the folder writable") from error
@@ -133,6 +136,7 @@ def _write_pair(name: str, stem: str, folder: Path) -> tuple[Path, Path]:
         except OSError:
             secret.unlink()
             raise
+        sync_folder(folder)
     except OSError as error:
         what = f"cannot create the key {name!r}: {error.strerror}"
         raise SecurityError(what, where=str(folder), remedy="choose another name or folder") from error
@@ -305,6 +309,8 @@ def _write_new(path: Path, data: bytes, mode: int) -> None:
     try:
         with os.fdopen(number, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
     except OSError:  # a full disk: an empty key would make the folder unusable
         path.unlink()
         raise

@@ -5,6 +5,7 @@ The allowed folders are the working directory and the folders in ``SOCIALBOT_FOL
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import secrets
@@ -97,11 +98,12 @@ def create_like(file: Path, copy: Path) -> BinaryIO:
     return open(copy, "xb", opener=lambda name, flags: os.open(name, flags, mode))
 
 
-def replace_file(file: Path, data: bytes) -> None:
+def replace_file(file: Path, data: bytes, *, durable: bool = False) -> None:
     """Write a file in one step: readers find the old content or the new one, also if this fails or the process ends.
 
-    The permissions stay, and so does a link to the file. A pipe or device, such as /dev/stdout, is written to. Raises
-    OSError if it cannot be written.
+    The permissions stay, and so does a link to the file. A pipe or device, such as /dev/stdout, is written to. After a
+    power cut, a ``durable`` file has the new content once this has returned; others may have the old one, or none.
+    Raises OSError if it cannot be written.
     """
     if file.is_relative_to("/dev") or (file.exists() and not file.is_file() and not file.is_dir()):
         file.write_bytes(data)
@@ -111,12 +113,27 @@ def replace_file(file: Path, data: bytes) -> None:
     try:
         with create_like(file, draft) as opened:
             opened.write(data)
+            if durable:
+                opened.flush()
+                os.fsync(opened.fileno())
         if file.exists():
             shutil.copymode(file, draft)
         draft.replace(file)
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+    if durable:
+        sync_folder(file.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Write new names of files in ``folder`` to the disk, where the system can do so."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def temporary_folder(prefix: str) -> tempfile.TemporaryDirectory[str]:

@@ -193,7 +193,7 @@ def save_mind(deliberator: Deliberator, path: Path) -> None:
         ),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, msgspec.json.encode(saved))
+    replace_file(path, msgspec.json.encode(saved), durable=True)
 
 
 def restore_mind(deliberator: Deliberator, path: Path) -> bool:

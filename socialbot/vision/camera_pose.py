@@ -451,4 +451,4 @@ def save_pose(pose: CameraPose, path: Path) -> None:
     """Write a pose file, replaced atomically. Raises ParameterError if it cannot be written."""
     with writing(path, ParameterError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, msgspec.json.format(msgspec.json.encode(pose)) + b"\n")
+        replace_file(path, msgspec.json.format(msgspec.json.encode(pose)) + b"\n", durable=True)

@@ -286,7 +286,7 @@ class TeamCoordinator(Node):
 
     def _save(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        paths.replace_file(path, msgspec.json.encode(self.coordinator.memory))
+        paths.replace_file(path, msgspec.json.encode(self.coordinator.memory), durable=True)
 
 
 def _recall(path: Path | None) -> CoordinatorMemory:
