@@ -54,7 +54,7 @@ def up(
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
     from socialbot.cli.foxglove import shown_in_foxglove
     from socialbot.cli.inspect import watched
-    from socialbot.core.process_guard import guarded, report_alive
+    from socialbot.core.process_guard import guarded
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import LOGS, RunTrace, log_bytes
@@ -86,17 +86,18 @@ def up(
         labels_of_run = options.labels_of(labels)
         trace = RunTrace(folder, max_bytes=log_bytes(keep), labels=labels_of_run, lossy=True)
         record = stack.enter_context(trace)
-        if show_page:
-            context.with_resource(guarded())  # until the node of the page has left DDS
-            context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
-        if show_foxglove:
-            from socialbot.runs.serving import Address, token_given
-
-            address = Address(foxglove_host, foxglove_port, token_given(None))
-            context.with_resource(shown_in_foxglove(record, whole, console, address))
         try:
-            with Display(console, whole.without_sources(), details=verbose, health_of=whole) as display:
-                run(whole, source, record, display.show, runner="ros", composed=composed)
+            with ExitStack() as served:
+                served.enter_context(guarded())  # until the nodes of the page and of Foxglove have left DDS
+                if show_page:
+                    served.enter_context(watched(record, whole, console, port, over_ros=True, stays=False))
+                if show_foxglove:
+                    from socialbot.runs.serving import Address, token_given
+
+                    address = Address(foxglove_host, foxglove_port, token_given(None))
+                    served.enter_context(shown_in_foxglove(record, whole, console, address))
+                display = Display(console, whole.without_sources(), details=verbose, health_of=whole)
+                with display as shown:
+                    run(whole, source, record, shown.show, runner="ros", composed=composed)
         finally:
-            report_alive()
             write_page(console, record, f"{whole.name.capitalize()}, live", MAX_PAGE_BYTES)

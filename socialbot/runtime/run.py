@@ -235,11 +235,13 @@ def run(
         source.observe(topic, message)
         observe(topic, message)
 
-    with guarded() if runner == "ros" else nullcontext(), Ending().on_signals() as ending:
+    with Ending().on_signals() as ending:
         observe_all = with_event_log(graph, note)
         execution = Execution(graph, runner, composed, record, observe_all, ending, result, on_runner)
         try:
-            source.execute(execution)
+            # Results of long runs take minutes, and call no library that may block.
+            with guarded() if runner == "ros" else nullcontext():
+                source.execute(execution)
         except Exception as error:
             result.ended = str(error) or type(error).__name__
             raise

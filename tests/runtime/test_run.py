@@ -1,14 +1,18 @@
-"""Folders of runs."""
+"""Folders, guard and results of runs."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import psutil
 import pytest
 
-from socialbot.runtime.run import new_run_folder
+from socialbot.graph.node import Graph
+from socialbot.runs.record import RunTrace
+from socialbot.runtime.run import Execution, RunSource, new_run_folder, run
 
 TWO_FOLDERS = """
 from pathlib import Path
@@ -38,3 +42,28 @@ def test_a_folder_without_a_run_is_removed(first: str, left: list[str], tmp_path
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "runs").touch()
     assert new_run_folder(tmp_path / "runs").parent == tmp_path / "runs"
+
+
+class NotedSource(RunSource):
+    """Notes how many guards this process has."""
+
+    def execute(self, execution: Execution) -> None:
+        self.during = guards()
+
+    def results(self, execution: Execution) -> dict[str, Any]:
+        self.after = guards()
+        return {}
+
+
+def guards() -> int:
+    commands = [" ".join(child.cmdline()) for child in psutil.Process().children()]
+    return sum("_process_guard.py" in command for command in commands)
+
+
+@pytest.mark.ros
+def test_results_have_no_time_limit(tmp_path: Path) -> None:
+    """The guard would kill a process that scores a long recording."""
+    source = NotedSource()
+    with RunTrace(tmp_path / "run") as record:
+        run(Graph("empty", ()), source, record, runner="ros")
+    assert (source.during, source.after) == (1, 0)

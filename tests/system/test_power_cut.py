@@ -21,6 +21,8 @@ from tests.agents.hospital.test_runs import paper
 from tests.agents.waldo.corridor import ANNA, Corridor
 from tests.deliberation.office import Office
 
+pytestmark = pytest.mark.slow
+
 SHUTDOWN, WITHOUT_LOG = 0x8004587D, struct.pack("I", 2)  # EXT4_IOC_SHUTDOWN: no data and no journal are written
 
 
@@ -110,7 +112,9 @@ def save_agent(file: Path) -> None:
 
 
 @pytest.mark.parametrize("save", [save_deliberator, save_coordinator, save_agent])
-def test_the_state_of_an_agent_is_kept(disk: Disk, save: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_state_of_an_agent_is_kept(
+    disk: Disk, save: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(FOLDERS_VARIABLE, str(disk.folder))
     file = disk.folder / "minds" / "agent.json"
     save(file)

@@ -223,6 +223,38 @@ def test_up_ends_at_a_signal_even_if_dds_blocks_it(pictures: Path, tmp_path: Pat
     assert "in attend" in text
 
 
+UP_WITH_PAGE = """
+import psutil
+from socialbot.runs import report
+
+def write_report(folder, title, write_report=report.write_report):
+    commands = [" ".join(child.cmdline()) for child in psutil.Process().children()]
+    print("guards:", sum("_process_guard.py" in command for command in commands))
+    return write_report(folder, title)
+
+report.write_report = write_report
+from socialbot.__main__ import run
+run()
+"""
+
+
+@pytest.mark.slow
+def test_the_page_of_a_long_run_has_no_time_limit(pictures: Path, tmp_path: Path, onlooker: Any) -> None:
+    """The guard would kill a process that writes it; a day of records takes a minute on a busy machine."""
+    more = ("--inspect", "--port", "0")
+    command = [sys.executable, "-c", UP_WITH_PAGE, *map(str, live(pictures, tmp_path / "run", *more))]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    try:
+        assert is_connected(onlooker)
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert "guards: 0" in output
+    assert (tmp_path / "run" / "report.html").exists()
+
+
 @pytest.mark.slow
 def test_a_blocked_node_does_not_outlive_a_killed_up(
     tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
