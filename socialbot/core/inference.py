@@ -23,6 +23,8 @@ LONGEST_RUN_S = 60.0
 MAX_FIELDS = 5_000_000
 """Most fields of the file of a network; the included detector has 6,147."""
 
+_LOOK_S = 1.0  # pause between two looks at the runs of a network
+
 _NAME_BYTES = 1024  # longest name of a file of data
 
 _PARTS = {
@@ -113,6 +115,7 @@ class Inference:
     """Runs of one ``session``, whose network errors name ``where``. A network that took too long is not run again.
 
     The time is processor time of the process, so that one that was stopped, or waited for a processor, is not late.
+    One thread watches over all runs: a thread for each would take as long as a small network.
     """
 
     def __init__(self, session: onnxruntime.InferenceSession, where: str, longest_s: float = LONGEST_RUN_S) -> None:
@@ -120,6 +123,10 @@ class Inference:
         self._where = where
         self._longest_s = longest_s
         self._is_late = False
+        self._lock = threading.Lock()
+        self._runs: dict[int, tuple[onnxruntime.RunOptions, float]] = {}
+        """Options of the present runs, and the processor time (s) at which they are late."""
+        self._is_watched = False
 
     def run(self, inputs: Mapping[str, Any]) -> list[Any]:
         """Return the outputs for ``inputs``. Thread-safe.
@@ -134,8 +141,11 @@ class Inference:
             raise self._late()
         options = onnxruntime.RunOptions()
         options.log_severity_level = 4
-        ended = threading.Event()
-        threading.Thread(target=self._stop_late, args=(options, ended), daemon=True).start()
+        with self._lock:
+            self._runs[id(options)] = options, time.process_time() + self._longest_s
+            if not self._is_watched:
+                threading.Thread(target=self._watch, name="inference", daemon=True).start()
+                self._is_watched = True
         try:
             with memory_limit(NETWORK_BYTES):
                 return list(self._session.run(None, dict(inputs), options))
@@ -148,14 +158,20 @@ class Inference:
             self._is_late = True
             raise self._late() from error
         finally:
-            ended.set()
+            with self._lock:
+                del self._runs[id(options)]
 
-    def _stop_late(self, options: onnxruntime.RunOptions, ended: threading.Event) -> None:
-        end_s = time.process_time() + self._longest_s
-        while (left_s := end_s - time.process_time()) > 0:
-            if ended.wait(left_s):
-                return
-        options.terminate = True
+    def _watch(self) -> None:
+        """Stop late runs, until none is left at a look."""
+        while True:
+            time.sleep(min(_LOOK_S, self._longest_s))
+            with self._lock:
+                now = time.process_time()
+                for options, end_s in self._runs.values():
+                    options.terminate = options.terminate or now >= end_s
+                if not self._runs:
+                    self._is_watched = False
+                    return
 
     def _late(self) -> ParameterError:
         what = f"the network takes more than {self._longest_s:g} s for one input"

@@ -81,11 +81,14 @@ _MARGIN = 0.1  # People may exceed their box by this share of its width.
 class _Snapshot:
     """Grey levels and local contrast ``shapes`` of an image, both (height, width), float32.
 
-    ``boxes`` (n, 4) and ``names`` are those of its tracks.
+    ``mean`` and ``variance`` are those of the grey levels in each cell. ``boxes`` (n, 4) and ``names`` are those of its
+    tracks.
     """
 
     stamp: int
     grey: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
     shapes: np.ndarray
     boxes: np.ndarray
     names: tuple[int, ...]
@@ -139,11 +142,9 @@ class _Motion:
     """
 
     def __init__(self, now: _Snapshot, then: _Snapshot) -> None:
-        mean, before = _cells(now.grey), _cells(then.grey)
-        variance, earlier = _cells(now.grey**2) - mean**2, _cells(then.grey**2) - before**2
-        shared = _cells(now.grey * then.grey) - mean * before
-        gain = np.clip(shared / np.maximum(earlier, 1e-3), 0.4, 2.5)
-        rest = np.maximum(variance - 2 * gain * shared + gain**2 * earlier, 0.0)
+        shared = _cells(now.grey * then.grey) - now.mean * then.mean
+        gain = np.clip(shared / np.maximum(then.variance, 1e-3), 0.4, 2.5)
+        rest = np.maximum(now.variance - 2 * gain * shared + gain**2 * then.variance, 0.0)
         across = cv2.Sobel(now.grey, cv2.CV_32F, 1, 0, ksize=1) / 2
         down = cv2.Sobel(now.grey, cv2.CV_32F, 0, 1, ksize=1) / 2
         slope = _cells(across**2 + down**2) / 2
@@ -372,7 +373,9 @@ def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _Snapshot:
     boxes = np.array([track.box for track in tracks], dtype=np.float64).reshape(-1, 4) * scale
     shapes = grey - cv2.GaussianBlur(grey, (0, 0), _LARGE_SIGMA)
     shapes /= np.sqrt(cv2.GaussianBlur(shapes * shapes, (0, 0), _LARGE_SIGMA)) + _FAINT
-    return _Snapshot(stamp, grey, shapes, clip(boxes, *size), tuple(track.key for track in tracks))
+    mean = _cells(grey)
+    variance = _cells(grey**2) - mean**2
+    return _Snapshot(stamp, grey, mean, variance, shapes, clip(boxes, *size), tuple(track.key for track in tracks))
 
 
 def _has_turned(now: _Snapshot, then: _Snapshot | None) -> bool:

@@ -135,6 +135,18 @@ def test_a_network_that_loops_without_end_is_stopped_and_not_run_again(monkeypat
         assert time.monotonic() - begun < longest_s
 
 
+def test_runs_of_a_network_start_no_thread_each(monkeypatch):
+    """Four views of an image would start forty threads a second, which takes as long as the smallest view."""
+    started = []
+    start = threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda thread: (started.append(thread), start(thread)))
+    network = OnnxModel(included_model(FILE, SHA256))
+    begun = time.monotonic()
+    for _ in range(50):
+        network.run(picture())
+    assert len(started) <= 1 + time.monotonic() - begun, "at most one thread a second"
+
+
 def test_a_network_that_takes_all_memory_is_stopped():
     network = OnnxModel(greedy_network(10**9), where="greedy.onnx")
     with pytest.raises(ParameterError, match=r"greedy\.onnx: the network takes more than 2\.1 GB of memory"):
