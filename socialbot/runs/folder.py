@@ -13,8 +13,9 @@ from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.decoding import from_json, json_decoder
 from socialbot.core.errors import RunError, SocialbotError
+from socialbot.core.limits import DATA_BYTES
 from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
-from socialbot.core.reading import read_bytes
+from socialbot.core.reading import check_size, open_file, read_bytes
 from socialbot.graph.files import parse_recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
@@ -99,13 +100,13 @@ class RecordedRun(RunView):
             self.damage.append(f"graph.yaml cannot be used: {error}")
             return None
 
-    def _records(self, path: Path) -> list[TraceRecord]:
+    def _records(self, path: Path) -> Iterator[TraceRecord]:
         if not path.is_file():
             remedy = "give a folder with a trace.jsonl, such as runs/TIME, which every run leaves"
             raise RunError("there is no run", where=str(self.folder), remedy=remedy)
         if not is_whole(path):
             self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
-        return list(self._lines(path, TraceRecord))
+        return self._lines(path, TraceRecord)
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Message]]:
         """Yield the recorded messages of simulators on ``topics``, in order."""
@@ -143,19 +144,20 @@ class RecordedRun(RunView):
         skipped = 0
         for part in parts(path):
             try:
-                lines = read_bytes(part).split(b"\n")
+                check_size(part, DATA_BYTES)
+                with open_file(part) as lines:
+                    for number, line in enumerate(lines, 1):
+                        try:
+                            if line != b"\n":
+                                yield decode(line)
+                        except NO_JSON as error:
+                            if not line.endswith(b"\n"):
+                                continue
+                            skipped += 1
+                            if skipped <= NAMED_LINES:
+                                self.damage.append(f"{part.name}:{number}: {error}: the line is skipped")
             except OSError as error:
                 raise RunError(f"cannot be read: {error.strerror}", where=str(part)) from error
-            for number, line in enumerate(lines, 1):
-                try:
-                    if line:
-                        yield decode(line)
-                except NO_JSON as error:
-                    if number == len(lines):
-                        continue
-                    skipped += 1
-                    if skipped <= NAMED_LINES:
-                        self.damage.append(f"{part.name}:{number}: {error}: the line is skipped")
         if skipped > NAMED_LINES:
             self.damage.append(f"{path.name}: {skipped} lines are skipped; the first {NAMED_LINES} are named above")
 
