@@ -63,7 +63,14 @@ def plan(
     if answer.verdict in (PlannerVerdict.IMPOSSIBLE, PlannerVerdict.GAVE_UP) and unset:
         hint = "no value is given for {}, and conditions on it never hold: write one into :init"
         answer = replace(answer, message=f"{answer.message}; {hint.format(', '.join(map(str, unset)))}")
-    _show(answer, planner, None if answer.plan is None else _metric(known, asked, answer.plan), as_json)
+    metric = None if answer.plan is None else _metric(known, asked, answer.plan)
+    if answer.plan is not None and asked.metric is not None:
+        first = (
+            f"planners return the first valid plan that they find, which need not {asked.metric.direction} the metric"
+        )
+        undefined = "the metric has no value after the plan: write one into :init for each of its functions"
+        answer = replace(answer, message=undefined if metric is None else first)
+    _show(answer, planner, metric, as_json)
     codes = {
         PlannerVerdict.SOLVED: 0,
         PlannerVerdict.IMPOSSIBLE: IMPOSSIBLE,
@@ -109,6 +116,8 @@ def _show(answer: PlannerAnswer, planner: str, metric: float | None, as_json: bo
         console.print(summary, markup=False)
     else:
         print_line(f"; {summary}\n{answer.plan}", nl=False)
+    if answer.message:
+        Console(stderr=True).print(f"note: {answer.message}", markup=False, soft_wrap=True)
 
 
 def _table(shown: PddlPlan) -> Table:

@@ -91,6 +91,30 @@ def test_the_value_of_the_metric_is_part_of_the_summary(tmp_path):
     assert json.loads(socialbot(*files, "--validate", plan, "--json").stdout)["metric"] == 32.5
 
 
+@pytest.mark.parametrize(
+    ("metric", "note"),
+    [
+        (
+            "minimize (total-cost)",
+            "planners return the first valid plan that they find, which need not minimize the metric",
+        ),
+        (
+            "maximize (total-cost)",
+            "planners return the first valid plan that they find, which need not maximize the metric",
+        ),
+        (
+            "minimize (cost c a)",
+            "the metric has no value after the plan: write one into :init for each of its functions",
+        ),
+    ],
+)
+def test_a_note_says_that_a_plan_need_not_be_the_best_one_for_the_metric(tmp_path, metric, note):
+    files = written(tmp_path, COSTS, WAY.replace("minimize (+ (total-cost) (total-time))", metric))
+    ended = socialbot(*files)
+    assert (ended.returncode, ended.stderr.strip()) == (0, f"note: {note}")
+    assert json.loads(socialbot(*files, "--json").stdout)["message"] == note
+
+
 def test_functions_without_a_value_are_named_if_there_is_no_plan(tmp_path):
     files = written(tmp_path, COSTS, WAY.replace("(= (cost a c) 30)", ""))
     ended = socialbot(*files)
