@@ -1,4 +1,4 @@
-"""The main verb of an English clause, and who does its deed.
+"""The main verb of a clause, and who does its deed.
 
 People do it, if they are its subject or the robot is what it is done to.
 
@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Set
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._words import stem
+from socialbot.runs.asking.languages.lexicon import is_deed
 
 _INDEFINITE = {
     "anybody", "anyone", "somebody", "someone", "everybody", "one", "jemand", "jemanden", "quelqu", "un", "alguien",
@@ -232,3 +233,51 @@ def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
             return None if stem(words[place]) in _LIGHT and following not in PARTICLES else place
         place += 1
     return None
+
+
+_PERFECT = {
+    "de": {"hast", "hat", "habe", "haben", "habt"},
+    "fr": {"as", "avez", "es", "etes", "a", "ont"},
+    "es": {"has", "ha", "han", "habias", "habia", "habian"},
+}
+"""Auxiliaries before a participle. French *a* is one only behind a subject or before a pronoun."""
+_BETWEEN = {
+    "t", "il", "elle", "ils", "elles", "on", "ne", "pas", "jamais", "l", "la", "le", "les", "me", "te", "se", "lo",
+    "los", "las", "no", "nunca", "y", "en",
+}  # fmt: skip
+"""French and Spanish words that may precede a verb in its clause, beside the subject."""
+
+
+def verb_by_form(reading: Reading, subjects: Set[int]) -> int | None:
+    """Return the place of the main verb of a German, French or Spanish clause; None if its form does not tell it.
+
+    It is the participle of an auxiliary, or else the word beside *du* or *tu*, or a Spanish form of the second person.
+    ``subjects`` are the positions of names.
+    """
+    code, words, voices = reading.language.code, reading.words, reading.language.voices
+    if code not in _PERFECT:
+        return None
+    you = {n for n, word in enumerate(words) if word in voices.you}
+    last, free = len(words) - 1, {n for n in reading.free() if n not in subjects}
+    perfect = [
+        n
+        for n, word in enumerate(words)
+        if word in _PERFECT[code]
+        and (word != "a" or n - 1 in subjects or (n < last and words[n + 1] in _EUPHONIC | {"t"}))
+    ]
+    if perfect and code == "de":
+        begin, is_form = perfect[0], voices.participle.fullmatch
+        place = next(
+            (n for n in range(last, begin, -1) if is_form(words[n]) or (n in free and is_deed(words[n], code))), None
+        )
+        return place if place in free else None
+    if perfect:
+        between = you | subjects | {n for n, word in enumerate(words) if word in _BETWEEN}
+        place = next((n for n in range(perfect[0] + 1, last + 1) if n not in between), None)
+        return place if place in free else None
+    beside = {n - 1 for n in you} if code != "es" else set[int]()
+    beside |= {n + 1 for n in you} if code != "de" else set()
+    if code == "es":  # "¿Por qué abriste la puerta?": in front of the verb are words without a meaning of their own.
+        first = next((n for n, word in enumerate(words) if n in free and word not in _BETWEEN), None)
+        beside |= {first} if first is not None and voices.second.fullmatch(words[first]) else set()
+    return min(beside & free, default=None)

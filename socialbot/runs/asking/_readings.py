@@ -19,7 +19,7 @@ from socialbot.runs.asking._clauses import (
     without_event,
     without_report,
 )
-from socialbot.runs.asking._doer import PARTICLES
+from socialbot.runs.asking._doer import PARTICLES, verb_by_form
 from socialbot.runs.asking._named_deeds import NamedDeed
 from socialbot.runs.asking._parts import (
     ARTICLES,
@@ -76,6 +76,8 @@ _OBJECTS = {"name", "thing", "time", "cause"}
 """Evidence that names no deed, but what it is about."""
 _OF_WORDS = {"said", "cause", "time"}
 """Evidence of the words of records only."""
+_OF_RECORDS = _OBJECTS | _OF_WORDS
+"""Evidence that does not say what was done."""
 _MOST_SAID = 0.8
 """Least share of the words in question that a deed says."""
 _EVENTS = set[str]().union(
@@ -385,7 +387,10 @@ def _combined(found: Found, quoted: Sequence[str], subjects: Subjects) -> Iterat
 def _of_records(found: Found, question: Question, subjects: Subjects) -> Iterator[Candidate]:
     """Yield readings about beliefs, about the places of things, and about the ends of plans."""
     reading, free = found.reading, found.reading.free()
+    verb = _verb_by_form(found)
     for each in asked_beliefs(reading, subjects):
+        if verb in each.places:
+            continue  # "Wann hast du die Tür geöffnet?" asks for a deed
         unknown = tuple(reading.words[place] for place in free if place not in each.places)
         asked = replace(question, kind="believed", belief=each.name, unknown=unknown, asks_when=reading.has("when"))
         yield Candidate(asked, found, None, 0, each.fit)
@@ -431,6 +436,9 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     "Did you frisk Bob?" is about no other deed to Bob; the verb of a light one, such as *get*, does not count.
     """
     words, verb = found.reading.words, found.verb
+    other = _verb_by_form(found)
+    if other is not None and _OF_RECORDS.issuperset(deed.evidence):
+        return other not in deed.places or other in deed.caused  # "Warum hast du die Tür geöffnet?"
     if found.reading.has("where") and deed.is_synonym and all(words[n - 1] in ARTICLES for n in deed.places):
         return True  # "Where is the vacuum?"
     if verb is None or (verb in found.reading.places("do") and "thing" in deed.evidence):
@@ -440,6 +448,10 @@ def _is_another(deed: NamedDeed, found: Found) -> bool:
     if verb in deed.places:
         return _has_other_particle(words[verb : verb + 3], verb + 1 in deed.places)
     return bool(found.question.verb) or _OBJECTS.issuperset(deed.evidence)
+
+
+def _verb_by_form(found: Found) -> int | None:
+    return verb_by_form(found.reading, found.referred | {at for _, at in found.agents})
 
 
 def _says_another(deed: NamedDeed, found: Found, says: Sequence[str], subjects: Subjects) -> bool:

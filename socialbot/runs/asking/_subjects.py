@@ -444,8 +444,7 @@ def _is_verb(before: Sequence[str], word: str, language: str) -> bool:
     """Return whether a word is a form of a deed, and no article is in front of it."""
     is_noun = tuple(before) in LANGUAGES[language].phrases["article"]
     may_be = not is_noun and (language != ENGLISH.code or word.endswith("ing"))  # an English verb is often a noun, too
-    found = lexicon.meanings((word,), language) if may_be else ()
-    return any(lexicon.section_of(each) == "deeds" for each in found)
+    return may_be and lexicon.is_deed(word, language)
 
 
 def has_word(text: str, word: str) -> bool:

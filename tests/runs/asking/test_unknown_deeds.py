@@ -487,6 +487,19 @@ def doorkeeper() -> RunView:
         "Did you open the door?",
         "How often did you open the door?",
         "When did you open it?",
+        "Warum hast du die Tür geöffnet?",
+        "Warum hast du die Tür aufgemacht?",
+        "Wieso öffnetest du die Tür?",
+        "Wie oft hast du sie geöffnet?",
+        "Warum hat guard die Tür repariert?",
+        "Pourquoi as-tu ouvert la porte ?",
+        "Pourquoi est-ce que tu as réparé la porte ?",
+        "Quand ouvrais-tu la porte ?",
+        "Combien de fois l'as-tu ouverte ?",
+        "¿Por qué abriste la puerta?",
+        "¿Cuándo has abierto la puerta?",
+        "¿Por qué no reparaste la puerta?",
+        "¿Cuántas veces la abriste?",
     ],
 )
 def test_the_verb_of_a_question_is_no_cause_of_another_deed(doorkeeper, question):
@@ -494,7 +507,16 @@ def test_the_verb_of_a_question_is_no_cause_of_another_deed(doorkeeper, question
 
 
 @pytest.mark.parametrize(
-    "question", ["What did you say when the door was open?", "Why did you complain about the open door?"]
+    "question",
+    [
+        "What did you say when the door was open?",
+        "Why did you complain about the open door?",
+        "Warum hast du dich über die offene Tür beschwert?",
+        "Qu'as-tu dit quand la porte était ouverte ?",
+        "Pourquoi t'es-tu plaint de la porte ouverte ?",
+        "¿Qué dijiste cuando la puerta estaba abierta?",
+        "¿Por qué te quejaste de la puerta abierta?",
+    ],
 )
 def test_a_deed_may_be_named_by_its_cause(doorkeeper, question):
     assert answer(doorkeeper, question).clauses[0].records == ("action-2",)

@@ -10,6 +10,7 @@ writes them. Words have no accents.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
@@ -31,6 +32,8 @@ _INSEPARABLE = ("uber", "unter", "wider", "hinter", "miss", "emp", "ent", "ver",
 _WHOLE = {"antworten", "horen", "holen", "warten", "hinken", "losen", "ankern", "arbeiten", "ernten", "erben", "essen"}
 """German verbs that only seem to have a prefix."""
 _SHORTEST_VERB = 4
+_BEFORE_E = re.compile(r".*([td]|[^aeioulrmnh][mn])")
+"""Stems of German verbs with an *e* before the endings *t* and *te*."""
 _STRONG = LANGUAGES["de"].verbs
 
 
@@ -66,7 +69,7 @@ def _german_forms(verb: str) -> Iterator[tuple[str, bool]]:
             participle = participle.removeprefix("ge")
         stems = {stem, *third}
     else:
-        past = f"{stem}e" if stem[-1] in "td" else stem
+        past = f"{stem}e" if _BEFORE_E.fullmatch(stem) else stem  # "geredet", "geöffnet", but "gelernt"
         participle = f"{past}t" if inseparable or verb.endswith("ieren") else f"ge{past}t"
         past, stems = f"{past}te", {stem}
     yield verb, False
@@ -234,6 +237,11 @@ def words(language: str) -> Set[str]:
 def section_of(meaning: Meaning) -> str:
     """Return what a meaning is one of: ``deeds``, ``things`` or words that are ``said``."""
     return _paragraphs()[meaning].section
+
+
+def is_deed(word: str, language: str) -> bool:
+    """Return whether a word may be a form of a deed."""
+    return any(section_of(each) == "deeds" for each in meanings((word,), language))
 
 
 @cache
