@@ -133,7 +133,7 @@ def _defaults(struct: type) -> dict[str, Any]:
 
 def _read(field: Field, value: Any) -> Any:
     if field.missing_is_nan:
-        return None if math.isnan(value) else float(value)
+        return float(value) if math.isfinite(value) else None  # infinity is no measurement, either (REP 117)
     if not field.count:
         return _read_one(field, value)
     if field.kind == BYTE:
@@ -148,4 +148,6 @@ def _read(field: Field, value: Any) -> Any:
 def _read_one(field: Field, value: Any) -> Any:
     if isinstance(field.kind, type):
         return from_builtins(_given(field.kind, value), field.kind)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{field.name} is {value}, and no finite number")
     return from_json(value, Any) if field.kind == JSON else value

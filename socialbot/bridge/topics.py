@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import io
+import math
 import os
 import sys
 import time
@@ -358,7 +359,22 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured | RosMess
     except (msgspec.ValidationError, UnicodeError) as error:
         remedy = f"see the class {kind.__name__}" if ":" in schema else f"see docs/schemas/{schema}.json"
         raise MessageError(str(error), where=schema, remedy=remedy) from error
+    for place, number in _not_finite(fields):
+        remedy = "give a number that JSON can hold, or leave an optional field out"
+        raise MessageError(f"{place} is {number}, and no finite number", where=schema, remedy=remedy)
     return message
+
+
+def _not_finite(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
+    """Yield infinite numbers and NaN in values of YAML, with their places: ``persons[0].x``."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield place, value
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            yield from _not_finite(each, f"{place}.{key}".removeprefix("."))
+    elif isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from _not_finite(each, f"{place}[{index}]")
 
 
 def _own_message(reference: str) -> type[Structured]:

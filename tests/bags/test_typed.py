@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import sys
 import threading
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -19,6 +21,7 @@ from socialbot.core.errors import GraphError, InstallationError, MessageError, P
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import (
     ActionRequest,
+    HeadCommand,
     Message,
     PersonDetection,
     PersonDetections,
@@ -214,6 +217,31 @@ def test_nonstandard_values_are_json_in_both_forms() -> None:
 def test_plain_text_is_an_utterance() -> None:
     said = codec.encode(Utterance(stamp=0, id="", text="Good morning"), TYPES, "typed")
     assert codec.decode(Utterance, said, stamp=5) == Utterance(stamp=5, id="text-5", text="Good morning")
+
+
+def detections(**fields: Any) -> PersonDetections:
+    person = PersonDetection(**{"x": 1.0, "y": 2.0, "w": 3.0, "h": 4.0, "score": 1.0, **fields})
+    return PersonDetections(stamp=1, frame_id="", width=9, height=9, persons=(person,))
+
+
+@pytest.mark.parametrize(
+    ("message", "what"),
+    [
+        (HeadCommand(stamp=1, mode="look", pan_rad=math.inf), "pan_rad is inf"),
+        (detections(x=math.nan), "x is nan"),
+        (detections(face=(1.0, 2.0, -math.inf, 4.0)), "face is -inf"),
+    ],
+)
+def test_a_typed_message_with_a_number_that_is_not_finite_is_refused(message: Structured, what: str) -> None:
+    with pytest.raises(MessageError, match=f"not a valid .*: {what}"):
+        codec.decode(type(message), codec.encode(message, TYPES, "typed"))
+
+
+@pytest.mark.parametrize("distance_m", [math.nan, math.inf, -math.inf])
+def test_an_optional_number_that_is_not_finite_is_missing(distance_m: float) -> None:
+    """A sensor that measures nothing sends NaN or infinity (REP 117)."""
+    sent = codec.encode(detections(distance_m=distance_m), TYPES, "typed")
+    assert codec.decode(PersonDetections, sent) == detections()
 
 
 def test_header_holds_stamp_and_frame() -> None:

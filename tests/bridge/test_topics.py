@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import array
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -161,6 +163,24 @@ def test_parses_a_message_of_a_module_in_the_working_directory(tmp_path: Path, m
     ):
         with pytest.raises(MessageError, match=f"(?s){complaint}"):
             parse_message(schema, fields, stamp=7)
+
+
+@pytest.mark.parametrize(
+    ("schema", "fields", "place"),
+    [
+        ("HeadCommand", "{mode: look, pan_rad: .nan}", "pan_rad is nan"),
+        ("Belief", "{belief: {name: heat, params: [k1], value: .inf}}", "belief.value is inf"),
+        (
+            "PersonDetections",
+            "{frame_id: c, width: 9, height: 9, persons: [{x: 1, y: 2, w: 3, h: 4, score: 1, distance_m: -.inf}]}",
+            "persons[0].distance_m is -inf",
+        ),
+    ],
+)
+def test_a_number_that_json_cannot_hold_is_no_field_of_a_message(schema: str, fields: str, place: str) -> None:
+    with pytest.raises(MessageError, match=re.escape(place)):
+        parse_message(schema, fields, stamp=7)
+    assert math.isinf(parse_message("std_msgs/msg/Float32", "{data: .inf}", stamp=7).data)
 
 
 @pytest.mark.parametrize(
