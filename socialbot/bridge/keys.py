@@ -39,6 +39,9 @@ NEXT = ".next"
 
 MAX_KEY_BYTES = 10_000
 
+WINDOW_S = 5.0
+"""Default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
+
 log = logging.getLogger("socialbot.security")
 
 
@@ -89,12 +92,14 @@ def begin_rotation(name: str, folder: Path) -> tuple[Path, Path]:
     return _write_pair(name, name + NEXT, folder)
 
 
-def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = time.sleep) -> Path:
+def finish_rotation(
+    name: str, folder: Path, pause: Callable[[float], None] = time.sleep, window_s: float = WINDOW_S
+) -> Path:
     """Replace the key pair of ``name`` by the next one; return the public file.
 
     ``pause`` waits (s) before each of two steps, so that all running processes on this machine follow. First the next
-    key signs, which they all trust by then. Then the last key is no longer trusted, with which none of them signs. If
-    this is interrupted, call it again.
+    key signs, which they all trust by then. Then the last key is no longer trusted: none of them signs with it, and the
+    messages that it has sealed have arrived, or are older than ``window_s``. If this is interrupted, call it again.
 
     Raises:
         SecurityError: No rotation has begun, or files cannot be written.
@@ -112,7 +117,7 @@ def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = ti
             pause(2 * RELOAD_PERIOD_S)
             secret.replace(private)
             sync_folder(folder)  # a power cut after the second step must not undo the first
-        pause(2 * RELOAD_PERIOD_S)
+        pause(2 * RELOAD_PERIOD_S + window_s)
         replaced = public.replace(folder / f"{name}{PUBLIC}")
         sync_folder(folder)
         return replaced

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from socialbot.bridge.accepted_times import AcceptedTimes
 from socialbot.bridge.detached_seals import digest
-from socialbot.bridge.keys import KeyRing, Keys
+from socialbot.bridge.keys import WINDOW_S, KeyRing, Keys
 from socialbot.bridge.message_tags import Tag, TagKeys
 from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
@@ -96,9 +96,6 @@ class Freshness:
 
 
 SCHEMA = "socialbot/Sealed/1"
-
-WINDOW_S = 5.0
-"""Default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
 
 STREAM_BYTES = 16
 BEACON = "socialbot/Beacon/1"  # text that is no message: its publisher is alive

@@ -10,7 +10,7 @@ import os
 import re
 import threading
 from collections import Counter
-from collections.abc import Callable, Collection, MutableMapping
+from collections.abc import Callable, Collection, Mapping, MutableMapping
 from importlib.util import find_spec
 from logging import getLogger
 from pathlib import Path
@@ -510,22 +510,30 @@ def split_keys(text: str) -> tuple[str, str]:
 def _seal(environment: MutableMapping[str, str]) -> Seal:
     from socialbot.bridge.accepted_times import AcceptedTimes, state_folder
     from socialbot.bridge.keys import KeyRing, SecurityError
-    from socialbot.bridge.security import WINDOW_S, Seal
+    from socialbot.bridge.security import Seal
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
     if not folder:
         # An empty variable is probably a mistake, not a request for no protection.
         raise SecurityError("no folder is named", where=KEYS_VARIABLE, remedy="name one, or unset the variable")
+    keys, realm = KeyRing(Path(folder), name), f"ROS domain {ros_domain(environment)}"
+    accepted = AcceptedTimes(state_folder(realm, Path(folder), keys.latest().name))
+    return Seal(keys, realm, window_s(environment), accepted)
+
+
+def window_s(environment: Mapping[str, str]) -> float:
+    """The allowed clock difference plus travel time of a message. Raises ParameterError for an invalid one."""
+    from socialbot.bridge.keys import WINDOW_S
+
     text = environment.get(WINDOW_VARIABLE) or str(WINDOW_S)
     try:
-        window_s = float(text)
+        found = float(text)
     except ValueError:
-        window_s = math.nan
-    if not MIN_WINDOW_S <= window_s <= MAX_WINDOW_S:
+        found = math.nan
+    if not MIN_WINDOW_S <= found <= MAX_WINDOW_S:
         raise ParameterError(
             f"{text!r} is not a valid window",
             where=WINDOW_VARIABLE,
             remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
-    keys, realm = KeyRing(Path(folder), name), f"ROS domain {ros_domain(environment)}"
-    return Seal(keys, realm, window_s, AcceptedTimes(state_folder(realm, Path(folder), keys.latest().name)))
+    return found

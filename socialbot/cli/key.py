@@ -64,11 +64,12 @@ def rotate(
 ) -> None:
     """Replace a key while graphs run: make the next one, and replace the present one with --finish."""
     from socialbot.bridge.keys import begin_rotation, finish_rotation
+    from socialbot.bridge.transport import window_s
 
     chosen = _folder(folder)
     console = Console(soft_wrap=True)
     if finish:
-        public = finish_rotation(name, chosen)
+        public = finish_rotation(name, chosen, window_s=window_s(os.environ))
         console.print(f"{name} signs with its next key", markup=False)
         console.print(f"copy {public} to all machines, and delete {name}.next.pub there", markup=False)
         return

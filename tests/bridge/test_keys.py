@@ -20,6 +20,7 @@ from socialbot.bridge.detached_seals import SealMatcher
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.keys import (
     RELOAD_PERIOD_S,
+    WINDOW_S,
     KeyRing,
     SecurityError,
     begin_rotation,
@@ -30,7 +31,7 @@ from socialbot.bridge.keys import (
 from socialbot.bridge.message_tags import LEAST_BYTES
 from socialbot.bridge.security import Seal, SealError, Stream
 from socialbot.bridge.topics import observer_node
-from socialbot.bridge.transport import open_transport
+from socialbot.bridge.transport import WINDOW_VARIABLE, open_transport
 from socialbot.cli.key import key
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Utterance
@@ -318,6 +319,24 @@ def test_a_rotation_refuses_no_message(machines: tuple[Machine, Machine]) -> Non
     assert desk.ring.latest().successors == robot.ring.latest().successors == {}
 
 
+@pytest.mark.parametrize("window_s", [WINDOW_S, 60.0])
+def test_a_rotation_waits_for_messages_under_way(machines: tuple[Machine, Machine], window_s: float) -> None:
+    """A busy machine or a lost packet delays them; they are sealed with the last key."""
+    robot, _ = machines
+    under_way: list[str] = []
+    pauses: list[float] = []
+
+    def pause(seconds: float) -> None:
+        under_way.append(robot.stream.seal("word"))  # a process signs with its last key up to the reload period
+        robot.wait()
+        pauses.append(seconds)
+        assert [robot.opener.open(text) for text in under_way[len(pauses) - 1 :]] == ["word"]
+
+    begin_rotation("robot", robot.folder)
+    finish_rotation("robot", robot.folder, pause, window_s)
+    assert pauses[1] >= RELOAD_PERIOD_S + window_s
+
+
 def test_the_old_key_is_worthless_after_a_rotation(machines: tuple[Machine, Machine], tmp_path: Path) -> None:
     robot, desk = machines
     shutil.copytree(robot.folder, tmp_path / "stolen")
@@ -398,7 +417,9 @@ def test_mistakes_in_a_rotation(tmp_path: Path) -> None:
         finish_rotation("robot", tmp_path)
 
 
-def test_the_command_tells_what_to_copy(tmp_path: Path) -> None:
+def test_the_command_tells_what_to_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(WINDOW_VARIABLE, "0.1")
+
     def run(*arguments: object) -> str:
         result = CliRunner().invoke(key, [str(one) for one in arguments], catch_exceptions=False)
         assert result.exit_code == 0
