@@ -13,7 +13,7 @@ import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import SocialbotError
-from socialbot.core.messages import AgentAnswer, Command, Health, Message
+from socialbot.core.messages import AgentAnswer, Command, Health, Message, TraceRecord
 from socialbot.core.registry import phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus, NodeStatuses
@@ -179,6 +179,10 @@ class RunView:
 
 LOOKS_BACK_S = 3600.0
 MOST_RECORDS = 100_000
+MOST_BYTES = 200_000_000
+"""Most bytes of the records, as lines of JSON."""
+LONGEST_RECORD = 1 << 18
+"""Most bytes of a record, so that the last ones, which are dropped many at once, take little memory."""
 
 LATER_S = 300.0  # step size (s) in which old items are dropped
 RECENT = 9  # number of stamps whose median is the current time; a single wrong stamp has no effect
@@ -188,7 +192,8 @@ class LiveRun(RunView):
     """Live run of ``graph``. `observe` and `note_node` may be called from any thread, all else from one thread.
 
     Messages are processed when the run is read, so read it regularly. Items older than `LOOKS_BACK_S` are dropped, and
-    the older half of more than `MOST_RECORDS` records; current items are kept.
+    the older half of more than `MOST_RECORDS` records or `MOST_BYTES`; current items are kept. A record longer than
+    `LONGEST_RECORD` is left out.
     """
 
     live = True
@@ -200,11 +205,16 @@ class LiveRun(RunView):
         self._end = 0
         self._recent: deque[int] = deque(maxlen=RECENT)
         self._forgot = 0
+        self._bytes = 0
+        self._left_out = 0
         self._problem = ""
 
     @property
     def problems(self) -> list[str]:
-        return [self._problem] if self._problem else []
+        found = [self._problem] if self._problem else []
+        if self._left_out:
+            found.append(f"records longer than {LONGEST_RECORD} bytes are on disk only: {self._left_out}")
+        return found
 
     # Inputs, from any thread
 
@@ -229,7 +239,7 @@ class LiveRun(RunView):
         return super().picture(stamp or self._end)
 
     def _update(self) -> None:
-        while self._received:
+        for _ in range(len(self._received)):  # those that arrive meanwhile wait, or a flood would never let go
             topic, message = self._received.popleft()
             self._end = max(self._end, message.stamp)
             self._recent.append(message.stamp)
@@ -242,6 +252,11 @@ class LiveRun(RunView):
                 if self.world_view is not None:
                     self.world_view.take(message)
                 continue
+            size = _size(record)
+            if size > LONGEST_RECORD:
+                self._left_out += 1
+                continue
+            self._bytes += size
             self._history.append(record)
             self._timeline.take(record)
         self._forget()
@@ -250,17 +265,22 @@ class LiveRun(RunView):
         history = self._history
         now = sorted(self._recent)[len(self._recent) // 2] if self._recent else 0
         back = now - nanoseconds(LOOKS_BACK_S)
-        if len(history) > MOST_RECORDS:
+        if len(history) > MOST_RECORDS or self._bytes > MOST_BYTES:
             back = max(back, history[len(history) // 2].stamp)
         elif abs(now - self._forgot) < nanoseconds(LATER_S):
             return
         self._forgot = now
         self._states.forget(history.until(back))
+        self._bytes = sum(map(_size, history))
         history.hide(back)
         self._timeline.forget(back)
         self.node_history.forget(history.seconds(back))
         if self.world_view is not None:
             self.world_view.forget(back)
+
+
+def _size(record: TraceRecord) -> int:
+    return len(msgspec.json.encode(record))
 
 
 def wording_of(graph: Graph | None) -> Wording:

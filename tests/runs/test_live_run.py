@@ -83,6 +83,47 @@ def test_older_half_of_too_many_records_is_dropped(monkeypatch):
     assert all(500 <= after < 500 + 256 + 10 for _, after in drops)
 
 
+def note(live: LiveRun, number: int, text: str = "look()") -> None:
+    record = TraceRecord(stamp=START + number, id=f"a{number}", source="bdi_engine", kind="note", what=text)
+    live.observe("/bdi/trace", record)
+
+
+def test_records_that_arrive_while_others_are_processed_wait(monkeypatch):
+    """Else a flood is processed without end, and nothing is dropped meanwhile."""
+    monkeypatch.setattr(live_run, "MOST_RECORDS", 1000)
+    live, numbers, process = LiveRun(load_graph("waldo")), iter(range(1, 5000)), live_run.trace_record
+
+    def flooded(topic, message):
+        if number := next(numbers, 0):
+            note(live, number)
+        return process(topic, message)
+
+    monkeypatch.setattr(live_run, "trace_record", flooded)
+    note(live, 0)
+    counts = [len(live.history) for _ in range(5001)]
+    assert live.history.end == START + 4999
+    assert max(counts) <= 1000
+
+
+def test_older_half_of_too_long_records_is_dropped(monkeypatch):
+    monkeypatch.setattr(live_run, "MOST_BYTES", 10_000_000)
+    live = LiveRun(load_graph("waldo"))
+    sizes = []
+    for number in range(5000):
+        note(live, number, "x" * 10_000)
+        sizes.append(sum(len(record.what) for record in live.history))
+    assert max(sizes) <= 10_000_000
+    assert min(sizes[2000:]) >= 4_000_000
+
+
+def test_a_huge_record_is_left_out_and_reported():
+    live = LiveRun(load_graph("waldo"))
+    note(live, 0)
+    note(live, 1, "x" * live_run.LONGEST_RECORD)
+    assert [record.id for record in live.history] == ["a0"]
+    assert live.problems == ["records longer than 262144 bytes are on disk only: 1"]
+
+
 def test_old_node_reports_are_dropped():
     graph = load_graph("waldo")
     live = LiveRun(graph)
