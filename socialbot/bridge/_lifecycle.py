@@ -17,6 +17,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node as RosNode
 
+from socialbot.bridge.wait_sets import FilteredNode
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Node, NodeConfig, check_parameters
 from socialbot.graph.ports import Parameter
@@ -31,7 +32,7 @@ UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
 
 
-class LifecycleHost(LifecycleNode):
+class LifecycleHost(FilteredNode, LifecycleNode):
     """Lifecycle node that runs the steps of ``host`` in the executor thread, by services or `transition_to`.
 
     An exception makes a transition fail; ``error`` is the last one. Without ``services`` only this process can request

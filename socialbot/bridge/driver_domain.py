@@ -54,13 +54,14 @@ class DriverDomain:
         """Make a node in this domain beside the rclpy node ``ros``, with whose context it ends."""
         import rclpy
         from rclpy.context import Context
-        from rclpy.node import Node
         from rclpy.signals import SignalHandlerOptions
+
+        from socialbot.bridge.wait_sets import FilteredNode
 
         context = Context()
         with _variables(_LOCAL):
             rclpy.init(context=context, domain_id=self.domain, signal_handler_options=SignalHandlerOptions.NO)
-            node = Node(
+            node = FilteredNode(
                 f"{ros.get_name()}_drivers",
                 context=context,
                 start_parameter_services=False,

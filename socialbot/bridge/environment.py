@@ -416,12 +416,10 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
 def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
     """Open an rclpy node in its own context, spun by a thread. Raises ParameterError for invalid ROS ``args``."""
     with ros_context(args) as context:
-        from rclpy.node import Node as RosNode
-
-        from socialbot.bridge.wait_sets import OneThreadExecutor
+        from socialbot.bridge.wait_sets import FilteredNode, OneThreadExecutor
 
         others = _threads()
-        node = RosNode(name, context=context, start_parameter_services=False)
+        node = FilteredNode(name, context=context, start_parameter_services=False)
         _threads_of[node] = _threads() - others
         executor = OneThreadExecutor(context=context)
         executor.add_node(node)

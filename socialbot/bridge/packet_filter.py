@@ -86,7 +86,7 @@ def drop_gaps(udp: socket.socket) -> None:
 
 
 def protect_names() -> None:
-    """Let the kernel drop packets with a GAP to the lists of nodes of this process. Call it after each new node."""
+    """Let the kernel drop packets with a GAP to the lists of nodes of this process."""
     for path in Path("/proc/self/fd").glob("*"):
         with contextlib.suppress(OSError):  # closed meanwhile
             if stat.S_ISSOCK(path.stat().st_mode):

@@ -139,12 +139,13 @@ def is_hidden(topic: str) -> bool:
 def observer_node(name: str = "_topic") -> Iterator[Any]:
     """Open an rclpy node without parameter services, hidden by default. Raises InstallationError without ROS."""
     environment.require_ros()
-    from rclpy.node import Node as RosNode
-
     from socialbot.bridge.environment import ros_context
+    from socialbot.bridge.wait_sets import FilteredNode
 
     with ros_context() as context:
-        ros = RosNode(f"{name}_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False)
+        ros = FilteredNode(
+            f"{name}_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False
+        )
         try:
             yield ros
         finally:

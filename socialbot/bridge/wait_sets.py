@@ -157,6 +157,18 @@ class _WaitSet:
         return found
 
 
+class FilteredNode(Node):
+    """rclpy node of a process whose lists of nodes get no GAP from others; see `socialbot.bridge.packet_filter`."""
+
+    _is_filtered = False
+
+    def create_publisher(self, *args: Any, **options: Any) -> Any:
+        if not self._is_filtered:  # rclpy makes its own first publisher here, as soon as the sockets are open
+            protect_names()
+            self._is_filtered = True
+        return super().create_publisher(*args, **options)
+
+
 class OneThreadExecutor(SingleThreadedExecutor):
     """Executor that a single thread spins; others may add nodes and entities, create tasks, and shut it down.
 
@@ -195,10 +207,6 @@ class OneThreadExecutor(SingleThreadedExecutor):
                 trigger()
 
         guard.trigger = from_another_thread
-
-    def add_node(self, node: Node) -> bool:
-        protect_names()  # the first node of a context opens its sockets
-        return super().add_node(node)
 
     def wake(self) -> None:
         self._is_changed = True

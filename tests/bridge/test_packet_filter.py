@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from evaluation.rtps_attack import DATA, GAP, HEADER, HEARTBEAT, submessage
-from socialbot.bridge.packet_filter import MAX_SUBMESSAGES, drop_gaps
+from socialbot.bridge.driver_domain import DriverDomain
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.packet_filter import MAX_SUBMESSAGES, NAMES_PORTS, drop_gaps
+from socialbot.bridge.topics import observer_node
+from socialbot.graph.node import Graph, NodeConfig
+from tests.bridge.hosting import node_hosts
+from tests.system.nodes import Talker
 from tests.system.running import PATIENCE_S
 
 INFO_TS, PAD = 0x09, 0x01
+SO_GET_FILTER = 26
 BEGIN = HEADER + bytes(12)
 TIME, SAMPLE, BEAT, GONE = (
     submessage(kind, bytes(size)) for kind, size in ((INFO_TS, 8), (DATA, 40), (HEARTBEAT, 28), (GAP, 28))
@@ -25,15 +35,14 @@ EMPTY = struct.pack("<BBH", INFO_TS, 3, 0)
 
 ENDLESS_READS = """
 import os, socket, sys, time
-from rclpy.node import Node
 from std_msgs.msg import String
 from evaluation.rtps_attack import NAMES_WRITER, freed
 from socialbot.bridge.environment import ros_context
-from socialbot.bridge.wait_sets import OneThreadExecutor
+from socialbot.bridge.wait_sets import FilteredNode, OneThreadExecutor
 from tests.bridge.forged_names import names_ports
 from tests.system.running import eventually
 def node(context, name):
-    made = Node(name, context=context, enable_rosout=False, start_parameter_services=False)
+    made = FilteredNode(name, context=context, enable_rosout=False, start_parameter_services=False)
     executor = OneThreadExecutor(context=context)
     executor.add_node(made)
     return made
@@ -157,6 +166,45 @@ def test_lists_of_nodes_that_dds_has_freed_stop_nothing():
     """Else rclpy never returns, with Python's lock held: so this is a process."""
     program = subprocess.run([sys.executable, "-c", ENDLESS_READS], timeout=PATIENCE_S, check=False)
     assert program.returncode == 0
+
+
+@pytest.mark.ros
+def test_each_node_is_protected_from_its_first_moment(monkeypatch: pytest.MonkeyPatch, other_domain: int) -> None:
+    """A process that starts while such packets arrive would never end its first call."""
+    from rclpy.node import Node
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))
+    found: dict[str, list[bool]] = {}
+    create_publisher = Node.create_publisher
+
+    def look(self: Node, *args: Any, **options: Any) -> Any:
+        found.setdefault(self.get_name(), filters())
+        return create_publisher(self, *args, **options)
+
+    monkeypatch.setattr(Node, "create_publisher", look)
+    graph = Graph("g", (NodeConfig("talker", Talker),))
+    with node_hosts(graph) as host:
+        host("talker")
+    with spinning_node("spinning") as ros:
+        DriverDomain(other_domain, frozenset()).node(ros)
+    with observer_node("observing"):
+        pass
+    assert len(found) == 4
+    assert all(each and all(each) for each in found.values()), found
+
+
+def filters() -> list[bool]:
+    """Whether each socket for lists of nodes of this process has a filter."""
+    found = []
+    for path in Path("/proc/self/fd").iterdir():
+        with suppress(OSError), socket.socket(fileno=os.dup(int(path.name))) as one:
+            if one.type == socket.SOCK_DGRAM and one.getsockname()[1] in NAMES_PORTS:
+                try:
+                    one.getsockopt(socket.SOL_SOCKET, SO_GET_FILTER)
+                    found.append(False)
+                except OSError:  # it has one, with more instructions than the space that was given
+                    found.append(True)
+    return found
 
 
 @pytest.mark.ros
