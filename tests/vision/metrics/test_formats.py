@@ -146,7 +146,20 @@ def test_json_of_other_formats_is_not_taken_for_the_own_one(tmp_path, content):
         ("Datumaro", {"info": {}, "categories": {}, "items": []}),
         ("Supervisely", {"description": "", "objects": [], "size": {"height": 120, "width": 160}}),
         ("CreateML", [{"image": "a.jpg", "annotations": [{"label": "person", "coordinates": {"x": 1}}]}]),
+        (
+            "VIA",
+            {"project": {"pid": "1"}, "file": {"1": {"fname": "a.jpg"}}, "metadata": {"1_a": {"vid": "1", "av": {}}}},
+        ),
         ("VoTT", {"name": "hall", "assets": {"1": {"asset": {"name": "a.jpg"}, "regions": []}}}),
+        (
+            "VoTT",
+            {
+                "name": "hall",
+                "videoSettings": {"frameExtractionRate": 15},
+                "tags": [{"name": "person"}],
+                "assets": {"1": {"asset": {"name": "a.jpg", "size": {}}, "regions": []}},
+            },
+        ),
         ("BDD100K", [{"name": "a.jpg", "labels": [{"category": "pedestrian", "box2d": {"x1": 1}}]}]),
         ("JRDB", {"labels": {"000000.jpg": [{"label_id": "pedestrian:1", "box": [1, 2, 3, 4]}]}}),
         ("EuroCity Persons", {"tags": [], "imagewidth": 160, "imageheight": 120, "children": []}),
@@ -175,6 +188,17 @@ def test_labels_of_other_tools_are_refused_by_name(tmp_path, tool, content):
         ("Open Images", "train/annotations-bbox.csv", "\ufeffImageID,Source,LabelName,Confidence,XMin\n"),
         ("TensorFlow", "train/_annotations.csv", "filename,width,height,class,xmin,ymin,xmax,ymax\n"),
         ("TensorFlow", "people.tfrecord", "x"),
+        (
+            "VIA",
+            "via_export_csv.csv",
+            "filename,file_size,file_attributes,region_count,region_id,region_shape_attributes",
+        ),
+        ("VIA", "via.csv", "# Exported using VGG Image Annotator (http://www.robots.ox.ac.uk/~vgg/software/via)\n"),
+        (
+            "VoTT",
+            "vott-csv-export/hall-export.csv",
+            '"image","xmin","ymin","xmax","ymax","label"\n"a.jpg",1,2,3,4,"x"\n',
+        ),
         ("Caltech Pedestrians", "set00/V000.vbb", "x"),
         ("Supervisely", "project/ds0/ann/a.jpg.json", '{"objects": [], "size": {"height": 1, "width": 1}}'),
     ],
@@ -576,6 +600,22 @@ def test_yolo_folders_in_folders(tmp_path):
     assert [len(frame.persons) for frame in source.frames] == [1, 0]
 
 
+def test_yolo_parts_with_a_year_and_without_names(tmp_path):
+    """The folders of COCO as YOLO, such as those of coco128, have neither names nor the usual parts."""
+    files = {"labels/train2017/a.txt": YOLO, "labels/val2017/b.txt": "", "labels/val2017/c.txt": YOLO}
+    write(tmp_path, files, ("images/train2017/a.jpg", "images/val2017/b.jpg", "images/val2017/c.jpg"))
+    train, val = labelled_sources(tmp_path)
+    assert (train.format, train.name, val.name) == ("yolo", f"{tmp_path.name}/train2017", f"{tmp_path.name}/val2017")
+    assert [[len(frame.persons) for frame in each.frames] for each in (train, val)] == [[1], [0, 1]]
+    assert [len(source.frames) for source in labelled_sources(tmp_path / "images", tmp_path / "labels")] == [3]
+
+
+def test_yolo_folders_of_any_name_without_names(tmp_path):
+    files = {"labels/hall/a.txt": YOLO, "labels/yard/a.txt": ""}
+    source = one(write(tmp_path, files, ("images/hall/a.jpg", "images/yard/a.jpg")))
+    assert [len(frame.persons) for frame in source.frames] == [1, 0]
+
+
 def test_yolo_parts_of_darknet(tmp_path):
     files = {"train/_darknet.labels": "person\ncar\ndog\n", "train/a.txt": YOLO, "valid/b.txt": ""}
     first, second = labelled_sources(write(tmp_path, files, ("train/a.jpg", "valid/b.jpg")))
@@ -727,6 +767,17 @@ def test_voc_file_name_decides_if_the_stem_does_not(tmp_path):
 def test_voc_object_of_another_class_without_a_box(tmp_path):
     files = {"Annotations/a.xml": voc(thing("person"), "<object><name>car</name><robndbox/></object>")}
     assert "not used: 1 box of class car" in one(write(tmp_path, files, ("JPEGImages/a.jpg",))).notes
+
+
+@pytest.mark.parametrize("shape", ["<polygon><pt><x>1</x><y>2</y></pt></polygon>", "<segm><box/></segm>"])
+@pytest.mark.parametrize("name", ["person", "window"])
+def test_labelme_in_xml_is_no_voc(tmp_path, name, shape):
+    """LabelMe on the web, and exports of CVAT for it, have outlines instead of boxes."""
+    text = f"<annotation><filename>a.jpg</filename><object><name>{name}</name>{shape}</object></annotation>"
+    write(tmp_path, {"Annotations/hall/a.xml": text}, ("Images/hall/a.jpg",))
+    with pytest.raises(TruthError, match=r"a\.xml, line 1 .*: outlines of LabelMe") as caught:
+        labelled_sources(tmp_path)
+    assert "Pascal VOC" in str(caught.value.remedy)
 
 
 def test_voc_folders_in_annotations(tmp_path):

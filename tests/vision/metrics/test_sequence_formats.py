@@ -12,7 +12,7 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import TruthError
 from socialbot.vision.metrics.formats import labelled_sources
-from socialbot.vision.metrics.frames import VideoImages
+from socialbot.vision.metrics.frames import FolderImages, VideoImages
 from tests.vision.metrics.label_files import (
     BOX,
     CVAT_IMAGES,
@@ -265,6 +265,16 @@ def test_kitti_distances_and_ignored(tmp_path):
     assert frame.ranged
 
 
+@pytest.mark.parametrize(
+    ("labels", "images"),
+    [("default/label_2/a.txt", "default/image_2/a.png"), ("label_2/train/a.txt", "image_2/train/a.png")],
+)
+def test_kitti_in_the_folder_of_a_part(tmp_path, labels, images):
+    """Exports of CVAT and Datumaro have a folder for each subset."""
+    write(tmp_path, {labels: KITTI}, (images,))
+    assert len(one(tmp_path).frames[0].persons) == 3
+
+
 def test_kitti_tracking(tmp_path):
     _, files, images = EXAMPLES["kitti tracking"]
     source = one(write(tmp_path, files, images))
@@ -299,6 +309,22 @@ def test_cvat_images(tmp_path):
     assert [person.box for person in first.persons] == [BOX, (90, 20, 20, 40)]
     assert second.persons == ()
     assert source.notes == ("not used: 1 box of class car", "not used: 1 box of shape points")
+
+
+@pytest.mark.parametrize("folder", ["images/{}/", "images/default/{}/", "{}/"])
+def test_cvat_projects_have_images_of_the_same_name_in_subsets(tmp_path, folder):
+    """Projects number the images of each task from 0, and their exports have a folder for each subset."""
+    person = '<box label="person" xtl="40" ytl="20" xbr="70" ybr="100"></box>'
+    entry = '<image id="0" name="a.jpg" subset="{}" task_id="{}" width="160" height="120">{}</image>'
+    text = entry.format("Train", 3, person) + entry.format("Test", 4, person * 2) + entry.format("Val", 5, "")
+    images = tuple(f"{folder.format(part)}a.jpg" for part in ("Train", "Test", "Val"))
+    source = one(write(tmp_path, {"annotations.xml": f"<annotations>{text}</annotations>"}, images))
+    assert isinstance(source.images, FolderImages)
+    shown = {
+        Path(name).parent.name: len(frame.persons)
+        for name, frame in zip(source.images.images, source.frames, strict=True)
+    }
+    assert shown == {"Train": 1, "Test": 2, "Val": 0}
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,14 @@ _JSON: tuple[tuple[str, frozenset[str]], ...] = (
     ("LabelMe", frozenset({"shapes", "imagePath"})),
     ("VIA", frozenset({"_via_img_metadata"})),
     ("VIA", frozenset({"filename", "regions"})),
+    ("VIA", frozenset({"project", "file", "metadata"})),
     ("Label Studio", frozenset({"annotations", "data"})),
     ("Label Studio", frozenset({"image", "label"})),
     ("Datumaro", frozenset({"categories", "items"})),
     ("Supervisely", frozenset({"objects", "size"})),
     ("CreateML", frozenset({"image", "annotations"})),
     ("VoTT", frozenset({"asset", "regions"})),
+    ("VoTT", frozenset({"tags", "assets"})),
     ("BDD100K", frozenset({"name", "labels"})),
     ("JRDB", frozenset({"label_id", "box"})),
     ("EuroCity Persons", frozenset({"children", "imagewidth"})),
@@ -43,6 +45,8 @@ _NAMES = (
 _BEGINS = (
     ("Label Studio", re.compile(r"annotation_id,annotator,")),
     ("Open Images", re.compile(r"ImageID,Source,LabelName,")),
+    ("VIA", re.compile(r"filename,file_size,file_attributes,|# Exported using VGG Image Annotator")),
+    ("VoTT", re.compile(r'"image","xmin","ymin","xmax","ymax","label"')),
     ("TensorFlow", re.compile(r"filename,width,height,class,")),
     ("VisDrone", re.compile(r"(-?\d+,){7}(-?\d+,-?\d+,)?-?\d+,?\s")),
 )

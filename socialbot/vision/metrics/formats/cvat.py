@@ -63,16 +63,18 @@ def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSourc
     places = [images] if images else [labels.path.parent / "images", labels.path.parent]
     finder = ImageFinder(*(place for place in places if not place.is_file()))
     listed = root.findall("image")
-    if listed and not any(finder.find(each.get("name") or "") for each in listed):
+    # Tasks of a project may have images of the same name; its export has a folder for each subset.
+    names = ["/".join(word for word in (each.get("subset"), each.get("name")) if word) for each in listed]
+    if listed and not any(map(finder.find, names)):
         films = _films(root, places)
         if films:
             return _frames(root, labels, films[0])
     found, missing = [], []
-    for number, each in enumerate(listed):
+    for number, (each, path) in enumerate(zip(listed, names, strict=True)):
         where, name = at(labels.path, each), each.get("name") or ""
         if not name:
             raise fault("the image has no name", where, REMEDY)
-        place = finder.find(name)
+        place = finder.find(path)
         if place is None:
             missing.append(name)
             continue

@@ -18,6 +18,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     first_line,
+    folders_in,
     frames_of,
     image_files,
     is_number,
@@ -37,16 +38,18 @@ MOST_OCCLUDED = 2
 """People beyond these limits, those of KITTI's level "hard", are not scored."""
 
 REMEDY = "write type, truncated, occluded, alpha, left, top, right, bottom, 3 sizes, x, y, z, rotation"
-OBJECTS, TRACKS = ("label_2", "label_3"), ("label_02", "label_03")
+NAMES = ("label_2", "label_3", "label_02", "label_03")
 
 
 def kitti_folders(folder: Path) -> list[Path]:
-    """Folder of labels in ``folder``, or in its folder ``training``; else ``folder`` or its ``labels`` with labels."""
-    if folder.name in (*OBJECTS, *TRACKS):
-        return [folder]
-    places = [base / name for base in (folder, folder / "training") for name in (*OBJECTS, *TRACKS)]
+    """Folders of labels in ``folder`` or in its folders, such as ``training``; else itself or its ``labels``."""
+    bases = [folder.parent] if folder.name in NAMES else [folder, *folders_in(folder)]
+    names = [folder.name] if folder.name in NAMES else NAMES
+    held = (next((base / name for name in names if (base / name).is_dir()), None) for base in bases)
+    # Exports of other tools have a folder for each part, beside these folders or within them.
+    parts = [part for place in held if place for part in (place, *folders_in(place)) if text_files(part)]
     flat = (place for place in (folder, folder / "labels") if any(map(_is_kitti, text_files(place))))
-    return [*(place for place in places if place.is_dir()), *flat][:1]
+    return parts or list(flat)[:1]
 
 
 def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -55,7 +58,9 @@ def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = (
     if not files:
         raise fault("no .txt files", path, "give the folder of the label files")
     folder = path.parent if path.is_file() else path
-    place = images or folder.with_name(folder.name.replace("label", "image"))
+    holder = folder.parent if folder.parent.name in NAMES and folder.name not in NAMES else folder
+    part = folder.name if holder is not folder else ""
+    place = images or holder.with_name(holder.name.replace("label", "image")) / part
     if _is_tracking(files):
         return [_tracking(file, images or place / file.stem, people) for file in files]
     labels = Labels(path, people)
@@ -69,9 +74,10 @@ def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = (
     there = {stem: image for stem, image in found.items() if image is not None}
     if path.is_dir():
         unlabelled_images(list(there.values()), "label file", labels)
-    base = folder.parent if folder.parent.name != "training" else folder.parent.parent
+    base = holder.parent if holder.parent.name != "training" else holder.parent.parent
     listed = [(stem, image.name, image, None) for stem, image in there.items()]
-    return [labels.single_source(base.resolve().name or "kitti", "kitti", listed)]
+    name = "/".join(word for word in (base.resolve().name, part) if word)
+    return [labels.single_source(name or "kitti", "kitti", listed)]
 
 
 def _is_tracking(files: Sequence[Path]) -> bool:

@@ -72,6 +72,8 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
 def _add(labels: Labels, file: Path, thing: ElementTree.Element, number: int) -> None:
     where = f"{at(file, thing)} (object {number + 1})"
     name, box = (thing.findtext("name") or "").strip(), thing.find("bndbox")
+    if box is None and any(thing.find(tag) is not None for tag in ("polygon", "segm")):
+        raise fault("outlines of LabelMe, no bndbox", where, "export the labels as Pascal VOC or COCO")
     if name and box is None and role_of(name, labels.people) == "other":
         labels.skipped[f"of class {name}"] += 1
         return

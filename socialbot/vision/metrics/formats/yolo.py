@@ -6,6 +6,7 @@ names are in data.yaml, classes.txt or a .names file. An image without a file, o
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     first_line,
+    folders_in,
     image_files,
     images_below,
     is_number,
@@ -42,19 +44,20 @@ REMEDY = "write class, middle x, middle y, width and height, as shares of the im
 SLACK = 0.01  # Shares may exceed the image by rounding.
 NAME_FILES = ("classes.txt", "labels/classes.txt", "names.txt", "_darknet.labels", "*.names")
 SPLITS = ("train", "val", "valid", "test")
+_SPLIT = re.compile(f"({'|'.join(SPLITS)})[0-9]*")  # COCO has years in them.
 
 
 def is_yolo(folder: Path) -> bool:
     """Whether ``folder`` is a YOLO data set."""
     if _yaml_of(folder) or any(any(folder.glob(name)) for name in (*NAME_FILES, "obj.data", "train/_darknet.labels")):
         return True
-    folders = [
-        folder / "labels",
-        *(folder / "labels" / split for split in SPLITS),
-        *(folder / s / "labels" for s in SPLITS),
-    ]
-    return any(place.is_dir() and any(place.glob("*.txt")) for place in folders) or any(
-        path.with_suffix(".txt").is_file() for path in image_files(folder)[:20]
+    labels = folder if _holds_labels(folder) else folder / "labels"
+    below = folders_in(labels) if labels.is_dir() else []
+    folders = [labels, *(each for each in below if each.name in SPLITS), *(folder / s / "labels" for s in SPLITS)]
+    return (
+        any(place.is_dir() and any(place.glob("*.txt")) for place in folders)
+        or any(_is_labels(path) for each in below for path in text_files(each))
+        or any(path.with_suffix(".txt").is_file() for path in image_files(folder)[:20])
     )
 
 
@@ -190,8 +193,10 @@ def _label_file(image: Path, folder: Path | None) -> Path | None:
 def _parts(folder: Path) -> dict[str, list[Path]]:
     """Folders of images by part, without a description."""
     base = folder.parent if _holds_labels(folder) else folder
+    names = [each.name for each in folders_in(base / "images")] if (base / "images").is_dir() else []
+    splits = dict.fromkeys((*SPLITS, *filter(_SPLIT.fullmatch, names)))
     for pattern in ("images/{}", "{}/images", "{}"):
-        found = {part: [base / pattern.format(part)] for part in SPLITS}
+        found = {part: [base / pattern.format(part)] for part in splits}
         if any(_images(place) for [place] in found.values()):
             return found
     places = [place for place in (base / "images", base / "obj_train_data") if _images(place)]
