@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -30,6 +31,8 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _SCAN = b"\xff\xda"
 _EXIF = b"Exif\0\0"
+_EXIF_KEYS = (b"Raw profile type exif", b"Raw profile type APP1")
+_EXIF_TEXT_BYTES = 1 << 20
 
 _FILLED = 0x4000  # Values of 16 bits that span so much keep their upper 8 bits.
 _LEAST_SPAN = 0x200  # Images of a smaller span show the noise of a covered camera.
@@ -102,7 +105,9 @@ def decode_image(data: bytes, *, where: str, turned: bool = False) -> np.ndarray
 
 
 def _with_plain_exif(data: bytes) -> bytes:
-    """Remove the prefix of JPEG from the EXIF of a WebP: many programs write it, and OpenCV then reads no EXIF."""
+    """Put the EXIF of a PNG or WebP where OpenCV reads it: many programs write it as text, or with a prefix of JPEG."""
+    if data.startswith(_PNG):
+        return _with_plain_exif_of_png(data)
     at = 12 if data[:4] == b"RIFF" and data[8:12] == b"WEBP" else len(data)
     while at + 8 <= len(data):
         kind, length = struct.unpack_from("<4sI", data, at)
@@ -111,6 +116,51 @@ def _with_plain_exif(data: bytes) -> bytes:
             end = begin + length
             return data[:begin] + data[begin + len(_EXIF) : end] + bytes(len(_EXIF)) + data[end:]
     return data
+
+
+def _with_plain_exif_of_png(data: bytes) -> bytes:
+    """Replace the first text of a PNG that holds EXIF, or its part eXIf with a prefix. A valid eXIf counts alone."""
+    found = None
+    for kind, begin, end in _png_parts(data):
+        if kind == b"eXIf" and not data.startswith(_EXIF, begin):
+            return data
+        exif = data[begin + len(_EXIF) : end] if kind == b"eXIf" else _exif_in_text(kind, data[begin:end])
+        if exif and (found is None or kind == b"eXIf"):
+            found = exif, begin - 8, end + 4
+    if found is None:
+        return data
+    (exif, begin, end), head = found, len(_PNG) + 25
+    part = b"eXIf" + exif
+    part = struct.pack(">I", len(exif)) + part + struct.pack(">I", zlib.crc32(part))
+    return data[:head] + part + data[head:begin] + data[end:]
+
+
+def _exif_in_text(kind: bytes, content: bytes) -> bytes:
+    """EXIF in a text part of a PNG: a name, the length, and hexadecimal digits. Empty without one, or if damaged."""
+    key, _, text = content.partition(b"\0")
+    if kind not in (b"tEXt", b"zTXt", b"iTXt") or key not in _EXIF_KEYS:
+        return b""
+    is_compressed = kind == b"zTXt" or (kind == b"iTXt" and text[:1] == b"\1")
+    if kind == b"zTXt":
+        text = text[1:]  # behind the method
+    elif kind == b"iTXt":
+        text = text[2:].split(b"\0", 2)[-1]  # behind the method, the language and the translated key
+    try:
+        text = zlib.decompressobj().decompress(text, _EXIF_TEXT_BYTES) if is_compressed else text
+        digits = b"".join(text.split()[2:])
+        exif = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii")).removeprefix(_EXIF)
+    except (zlib.error, ValueError):
+        return b""
+    return exif if exif[:4] in (b"II*\0", b"MM\0*") else b""
+
+
+def _png_parts(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Kind of each part of a PNG, and begin and end of its content. The last end may be behind that of the file."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        yield kind, at + 8, at + 8 + length
+        at += 12 + length
 
 
 def eight_bits(values: np.ndarray) -> np.ndarray:
@@ -134,11 +184,10 @@ def eight_bits(values: np.ndarray) -> np.ndarray:
 
 def is_complete_png(data: bytes) -> bool:
     """Whether a PNG has its end: otherwise OpenCV would allocate the length that the last part gives."""
-    at, kind = len(_PNG), b""
-    while kind != b"IEND" and at + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        at += 12 + length
-    return kind == b"IEND" and at <= len(data)
+    kind, end = b"", 0
+    for part, _, behind in _png_parts(data):
+        kind, end = part, behind
+    return kind == b"IEND" and end + 4 <= len(data)
 
 
 def has_too_many_scans(data: bytes) -> bool:

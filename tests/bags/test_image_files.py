@@ -25,13 +25,14 @@ from socialbot.vision.metrics.formats.yolo import image_size
 SIDE = 60_000  # 3.6 gigapixels
 
 
-def png(width: int, height: int) -> bytes:
-    def part(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+def png_part(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
+
+def png(width: int, height: int) -> bytes:
     head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     rows = zlib.compress(bytes(1_000_000))
-    return b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", rows) + part(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + png_part(b"IHDR", head) + png_part(b"IDAT", rows) + png_part(b"IEND", b"")
 
 
 def bmp(width: int, height: int) -> bytes:
@@ -254,16 +255,77 @@ def test_images_of_a_file_are_turned_as_they_are_shown(tmp_path: Path) -> None:
     assert bgr_from_compressed(message).shape == (120, 160, 3)
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
-def test_webp_files_are_turned_as_they_are_shown(tmp_path: Path, orientation: int) -> None:
-    """Many programs put the prefix of JPEG before the EXIF of a WebP, which OpenCV does not expect."""
-    shown = np.zeros((160, 120, 3), np.uint8)
-    shown[:40, :60] = 200
+def turned(orientation: int) -> tuple[np.ndarray, np.ndarray, bytes]:
+    """An image of more than 64 KiB as it is shown and as it is stored, and its EXIF."""
+    shown = np.random.default_rng(0).integers(0, 255, (200, 150, 3), np.uint8)
     stored = shown if orientation < 5 else cv2.transpose(shown)
     flips = {2: 1, 3: -1, 4: 0, 6: 0, 7: -1, 8: 1}  # before the pixels are turned
     stored = cv2.flip(stored, flips[orientation]) if orientation in flips else stored
+    return shown, stored, b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x112, 3, 1, orientation, 0, 0)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("form", ["eXIf", "eXIf with prefix", "tEXt", "zTXt", "APP1", "iTXt", "at the end"])
+def test_png_files_are_turned_as_they_are_shown(tmp_path: Path, orientation: int, form: str) -> None:
+    """Older programs write the EXIF as hexadecimal text, which OpenCV does not read."""
+    shown, stored, exif = turned(orientation)
+    raw = b"Exif\0\0" + exif
+    lines = b"\n".join(raw.hex().encode()[at : at + 72] for at in range(0, 2 * len(raw), 72))
+    text = b"\nexif\n%8d\n%s\n" % (len(raw), lines)
+    key = b"Raw profile type exif\0"
+    parts = {
+        "eXIf": png_part(b"eXIf", exif),
+        "eXIf with prefix": png_part(b"eXIf", raw),
+        "tEXt": png_part(b"tEXt", key + text),
+        "APP1": png_part(b"zTXt", key.replace(b"exif", b"APP1") + b"\0" + zlib.compress(text)),
+        "iTXt": png_part(b"iTXt", key + b"\1\0\0\0" + zlib.compress(text)),
+    }
+    part = parts.get(form, png_part(b"zTXt", key + b"\0" + zlib.compress(text)))
+    data = cv2.imencode(".png", stored)[1].tobytes()
+    at = data.rfind(b"IEND") - 4 if form == "at the end" else data.find(b"IDAT") - 4
+    path = tmp_path / "a.png"
+    path.write_bytes(data[:at] + part + data[at:])
+    np.testing.assert_array_equal(read_image(path), shown)
+    assert image_size(path) == (150, 200)
+    message = CompressedImage(stamp=0, frame_id="", format="png", data=np.frombuffer(path.read_bytes(), np.uint8))
+    np.testing.assert_array_equal(bgr_from_compressed(message), stored)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        b"Raw profile type exif\0",
+        b"Raw profile type exif\0\0no zlib",
+        b"Raw profile type exif\0\0" + zlib.compress(b"\nexif\n      12\nno hexadecimal digits\n"),
+        b"Raw profile type exif\0\0" + zlib.compress(b"\nexif\n" + bytes(100_000_000)),
+    ],
+    ids=["empty", "no zlib", "no digits", "bomb"],
+)
+def test_damaged_exif_in_the_text_of_a_png_is_ignored(tmp_path: Path, part: bytes) -> None:
+    stored = turned(1)[1]
+    data = cv2.imencode(".png", stored)[1].tobytes()
+    at = data.find(b"IDAT") - 4
+    (tmp_path / "a.png").write_bytes(data[:at] + png_part(b"zTXt", part) + data[at:])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), stored)
+
+
+@pytest.mark.parametrize("suffix", sorted(SUFFIXES))
+@pytest.mark.parametrize("share", [0.3, 0.8, 0.999])
+def test_a_cut_file_is_refused_in_each_format(tmp_path: Path, suffix: str, share: float) -> None:
+    """Some decoders fill the rest with grey."""
+    pixels = np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8)
+    data = cv2.imencode(suffix, pixels)[1].tobytes()
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(ImageError, match=r"truncated|cannot be decoded"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_webp_files_are_turned_as_they_are_shown(tmp_path: Path, orientation: int) -> None:
+    """Many programs put the prefix of JPEG before the EXIF of a WebP, which OpenCV does not expect."""
+    shown, stored, exif = turned(orientation)
     (width, height), lossless = stored.shape[1::-1], [cv2.IMWRITE_WEBP_QUALITY, 101]
-    exif = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x112, 3, 1, orientation, 0, 0)
     size = (width - 1).to_bytes(3, "little") + (height - 1).to_bytes(3, "little")
     coded = cv2.imencode(".webp", stored, lossless)[1].tobytes()[12:]
     path = tmp_path / "a.webp"

@@ -285,10 +285,12 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with open_file(path) as file:
             head = file.read(1 << 16)
+            head += file.read() if head.startswith(b"\x89PNG") else b""  # its EXIF may be at the end
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
     # EXIF may turn the image.
-    size = None if b"exif" in head.lower() else _png_size(head) or _jpeg_size(head)
+    turned = any(name in head.lower() for name in (b"exif", b"raw profile type app1"))
+    size = None if turned else _png_size(head) or _jpeg_size(head)
     if size is None:
         pixels = read_image(path)
         size = pixels.shape[1], pixels.shape[0]
