@@ -33,9 +33,10 @@ _GREY = frozenset({"mono8", "8UC1", "mono16"})
 _DEPTH = frozenset({"16UC1", "32FC1"})
 _DEEP = frozenset({*_DEPTH, "mono16", "compressedDepth"})
 _PNG = b"\x89PNG\r\n\x1a\n"
-# A word of a topic name: between slashes, underscores and digits.
+# A word of a topic name: between slashes, underscores and digits. Behind "to", it names the camera of aligned depth.
 _INFRARED_NAME = re.compile(
-    r"(?:^|[/_\d])(?:infra|infrared|ir|thermal|lwir|fir|nir|flir|boson|lepton|amplitude|intensity)(?:[/_\d]|$)",
+    r"(?:^|[/_\d])(?<!_to_)(?:infra|infrared|ir|thermal|temperature|lwir|fir|nir|flir|boson|lepton|amplitude|intensity)"
+    r"(?:[/_\d]|$)",
     re.IGNORECASE,
 )
 _DEPTH_NAME = re.compile(r"(?:^|[/_\d])(?:depth|disparity|sw_registered|hw_registered)(?:[/_\d]|$)", re.IGNORECASE)
