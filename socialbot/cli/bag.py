@@ -123,6 +123,7 @@ def import_(
 ) -> None:
     """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
+    from socialbot.vision.camera import shape_problem
     from socialbot.vision.camera_node import is_device, open_frames
 
     with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:
@@ -146,6 +147,8 @@ def import_(
     sound_text += f", {many(made.depths, 'depth image')}" if made.depths else ""
     text = f"{many(made.images, 'image')} of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
     Console().print(text)
+    if hfov is None and (problem := shape_problem(made.width, made.height)):
+        Console(stderr=True).print_plain(f"warning: {problem}")
 
 
 @bag.command()

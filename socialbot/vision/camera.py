@@ -35,7 +35,8 @@ _USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
 _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
 
 _BENT_RAD = 0.05  # Largest change of the field of view by a lens that is nearly straight.
-_WIDEST_SHAPE = 3  # Cinema has 2.4, three screens or two pictures of 16:9 have more.
+_WIDEST_SHAPE = 2.5  # Cinema has 2.4, two pictures of 4:3 have 2.67.
+_SPHERE_SHAPE = 2  # A picture of all directions, and two round pictures; but also films of some phones.
 _LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
 _SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
@@ -284,12 +285,8 @@ def intrinsics_problems(info: CameraInfo | None, width: int, height: int, hfov_r
 
     Without intrinsics, the field of view is ``hfov_rad``. Raises MessageError for invalid intrinsics.
     """
-    problems = []
-    if (info is None or not is_calibrated(info)) and width > _WIDEST_SHAPE * height:
-        problems.append(
-            f"images of {width}x{height} are a panorama or pictures side by side: directions and distances are wrong, "
-            "since one straight lens is assumed; use one picture of one lens, with its camera_info"
-        )
+    problems = [shape_problem(width, height)] if info is None or not is_calibrated(info) else []
+    problems = list(filter(None, problems))
     if info is None:
         return [*problems, f"no camera_info yet: distances assume a field of view of {hfov_rad:.2f} rad"]
     if not is_calibrated(info):
@@ -318,6 +315,17 @@ def intrinsics_problems(info: CameraInfo | None, width: int, height: int, hfov_r
             f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
         )
     return problems
+
+
+def shape_problem(width: int, height: int) -> str:
+    """Why images of unknown intrinsics cannot be those of one lens, by their shape; empty if they can."""
+    if width <= _WIDEST_SHAPE * height and width != _SPHERE_SHAPE * height:
+        return ""
+    are = "are" if width > _WIDEST_SHAPE * height else "may be"
+    return (
+        f"images of {width}x{height} {are} a panorama or pictures side by side: directions and distances are wrong "
+        "then, since one straight lens is assumed; use one picture of one lens, with its camera_info"
+    )
 
 
 def is_calibrated(info: CameraInfo) -> bool:

@@ -21,7 +21,7 @@ from socialbot.core.memory_limit import memory_limit
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Output, Parameter
-from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel
+from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, shape_problem
 
 _USUAL_RATE_HZ = 30.0
 _FOLDER_RATE_HZ = 10.0
@@ -179,6 +179,7 @@ class Camera(Node):
         super().__init__(name, context, parameters)
         self._frames: Frames | None = None
         self._timer: Timer | None = None
+        self._told = ""
         self._due = 0
 
     def start(self) -> None:
@@ -307,6 +308,10 @@ class Camera(Node):
         if not self._frames:
             return
         width, height = self._size(*self._frames.size)
+        problem = shape_problem(*self._frames.size)
+        if problem and problem != self._told:
+            self.log.warning("%s: %s", self.source, problem)
+        self._told = problem
         model = CameraModel.from_field_of_view(width, height, self.hfov_rad)
         k = (model.fx, 0.0, model.cx, 0.0, model.fy, model.cy, 0.0, 0.0, 1.0)
         self.camera_info.publish(

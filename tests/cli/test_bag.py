@@ -97,6 +97,19 @@ def test_import_of_one_image(tmp_path: Path) -> None:
     assert "1 image of 64x48" in run("import", str(tmp_path / "images"), str(tmp_path / "bag"))
 
 
+@pytest.mark.parametrize(
+    ("size", "options", "told"), [((96, 48), (), 1), ((96, 48), ("--hfov", "90"), 0), ((64, 48), (), 0)]
+)
+def test_import_warns_of_pictures_of_all_directions(
+    tmp_path: Path, size: tuple[int, int], options: tuple[str, ...], told: int
+) -> None:
+    """An imported bag has a CameraInfo, so the person detector would not tell that its lens is a guess."""
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((*size[::-1], 3), np.uint8))
+    output = run("import", str(tmp_path / "images"), str(tmp_path / "bag"), *options)
+    assert output.count("may be a panorama or pictures side by side") == told
+
+
 # Recording
 
 

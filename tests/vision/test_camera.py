@@ -291,7 +291,13 @@ def test_error_of_a_lens_is_that_of_opencv(k1: float):
     assert seen * (1 + k1 * seen**2) == pytest.approx(320 / 300, abs=0.01)
 
 
-@pytest.mark.parametrize(("size", "told"), [((3840, 480), 2), ((3840, 1080), 2), ((2520, 1080), 1), ((480, 3840), 1)])
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        *(((3840, 480), 2), ((3840, 1080), 2), ((2520, 1080), 1), ((480, 3840), 1)),
+        *(((1280, 480), 2), ((3840, 1920), 2), ((1920, 1080), 1), ((2164, 1080), 1), ((640, 640), 1)),
+    ],
+)
 def test_panoramas_and_pictures_side_by_side_are_told(size: tuple[int, int], told: int) -> None:
     k = (800.0, 0.0, size[0] / 2, 0.0, 800.0, size[1] / 2, 0.0, 0.0, 1.0)
     info = CameraInfo(stamp=0, frame_id="eye", width=size[0], height=size[1], k=k)

@@ -75,6 +75,15 @@ def test_folder_is_published_in_natural_order_at_the_given_rate(folder, caplog):
     assert [record.levelname for record in caplog.records if "has ended" in record.message] == ["INFO"]
 
 
+def test_pictures_of_all_directions_are_told_once(tmp_path, caplog):
+    """The node publishes a CameraInfo of one lens, so nothing else tells that these pictures have none."""
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((48, 96, 3), 9 * number, np.uint8))
+    rig = Rig(tmp_path, rate_hz=4.0, loop=True, width=48, height=48)
+    rig.pass_time(3)
+    assert ["96x48 may be a panorama" in record.message for record in caplog.records] == [True]
+
+
 def test_video_is_shown_at_its_own_rate(video):
     rig = Rig(video)
     rig.pass_time(1)
