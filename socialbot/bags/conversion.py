@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
-from socialbot.bags.image_files import SUFFIXES, open_video, read_depth, read_image, video_stamps
+from socialbot.bags.image_files import SUFFIXES, open_video, read_depth, read_image, unread_images, video_stamps
 from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
@@ -291,7 +291,9 @@ def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
         below = {path.parent for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES}
         names = ", ".join(path.name for path in sorted(below, key=natural)[:8])
         remedy = f"name one of its folders with images: {names}" if names else "put jpg or png files there"
-        raise BagError("no images in this folder", where=str(folder), remedy=remedy)
+        raise BagError("no images in this folder", where=str(folder), remedy=unread_images(folder) or remedy)
+    if unread := unread_images(folder):
+        log.warning("%s: %s", folder, unread)
     yield from _same_size([(start + round(index * SECOND / rate_hz), path) for index, path in enumerate(paths)])
 
 

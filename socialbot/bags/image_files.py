@@ -20,6 +20,8 @@ from socialbot.core.reading import open_file, read_bytes
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Suffixes of images in a folder."""
 
+_UNREAD_SUFFIXES = frozenset({".avif", ".dng", ".gif", ".heic", ".heif", ".jfif", ".jp2", ".jxl"})
+
 DEFAULT_RATE_HZ = 30.0
 """Rate of a video that does not say it."""
 
@@ -65,6 +67,13 @@ def read_image(path: Path) -> np.ndarray:
     except OSError as error:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
     return decode_image(data, where=str(path), turned=True)
+
+
+def unread_images(folder: Path) -> str:
+    """What to tell of images in a folder whose formats are not read, such as those of phones; empty without any."""
+    found = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in _UNREAD_SUFFIXES)
+    count = f"{len(found)} image{'s are' if len(found) > 1 else ' is'}"
+    return f"{count} left out, the first: {found[0]}; convert to jpg or png" if found else ""
 
 
 def read_depth(path: Path) -> np.ndarray:

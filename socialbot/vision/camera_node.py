@@ -11,7 +11,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from socialbot.bags.image_files import SUFFIXES, check_video, decoder_limit, read_image, too_many_pixels
+from socialbot.bags.image_files import SUFFIXES, check_video, decoder_limit, read_image, too_many_pixels, unread_images
 from socialbot.bags.reader import natural
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
@@ -131,7 +131,8 @@ class _FolderFrames:
         self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=natural)
         self._next = 0
         if not self._paths:
-            raise DeviceError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
+            remedy = unread_images(folder) or "put jpg or png files there"
+            raise DeviceError("no images in this folder", where=str(folder), remedy=remedy)
         height, width = read_image(self._paths[0]).shape[:2]
         self.size = (width, height)
 
@@ -203,6 +204,8 @@ class Camera(Node):
             self.log.warning(problem)
             self._schedule_retry()
             return
+        if isinstance(self._frames, _FolderFrames) and (unread := unread_images(Path(self.source))):
+            self.log.warning("%s: %s", self.source, unread)
         self._publish_info()
         self._schedule(self._due, self._tick)
 

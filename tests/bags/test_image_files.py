@@ -255,6 +255,22 @@ def test_images_of_a_file_are_turned_as_they_are_shown(tmp_path: Path) -> None:
     assert bgr_from_compressed(message).shape == (120, 160, 3)
 
 
+def test_images_of_other_formats_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Phones save photos as HEIC."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for name in ("b.HEIC", "c.gif", "notes.txt"):
+        (folder / name).write_bytes(b"x")
+    told = "2 images are left out, the first: b.HEIC; convert to jpg or png"
+    for read in (lambda: open_frames(str(folder)), lambda: import_bag(str(folder), tmp_path / "bag")):
+        with pytest.raises((BagError, DeviceError), match="no images in this folder") as caught:
+            read()
+        assert caught.value.remedy == told
+    cv2.imwrite(str(folder / "a.png"), np.zeros((48, 64, 3), np.uint8))
+    import_bag(str(folder), tmp_path / "bag")
+    assert [record.message for record in caplog.records] == [f"{folder}: {told}"]
+
+
 def turned(orientation: int) -> tuple[np.ndarray, np.ndarray, bytes]:
     """An image of more than 64 KiB as it is shown and as it is stored, and its EXIF."""
     shown = np.random.default_rng(0).integers(0, 255, (200, 150, 3), np.uint8)

@@ -84,6 +84,14 @@ def test_pictures_of_all_directions_are_told_once(tmp_path, caplog):
     assert ["96x48 may be a panorama" in record.message for record in caplog.records] == [True]
 
 
+def test_images_of_other_formats_are_told_once(folder, caplog):
+    (folder / "b.heic").write_bytes(b"x")
+    rig = Rig(folder, rate_hz=4.0, loop=True)
+    rig.pass_time(3)
+    told = f"{folder}: 1 image is left out, the first: b.heic; convert to jpg or png"
+    assert [record.message for record in caplog.records] == [told]
+
+
 def test_video_is_shown_at_its_own_rate(video):
     rig = Rig(video)
     rig.pass_time(1)
