@@ -63,14 +63,14 @@ def replace_damaged_modules() -> None:
     """
     read = SourceFileLoader.get_code
 
-    def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
+    def get_code(self: SourceFileLoader, fullname: str) -> CodeType | None:
         try:
-            return read(loader, fullname)
+            return read(self, fullname)
         except (EOFError, ValueError, TypeError, ImportError) as error:  # the errors of marshal and of its caller
-            compiled = Path(importlib.util.cache_from_source(loader.path))
+            compiled = Path(importlib.util.cache_from_source(self.path))
             if not compiled.exists():
                 raise
-            code = loader.source_to_code(loader.get_data(loader.path), loader.path)
+            code = self.source_to_code(self.get_data(self.path), self.path)
             log.warning("%s is damaged, perhaps by a full disk, and is compiled again: %s", compiled, error)
             with contextlib.suppress(OSError):  # it cannot be written: the next start compiles the module, too
                 compiled.unlink()
