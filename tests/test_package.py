@@ -88,11 +88,18 @@ def test_an_arm_machine_installs_all_but_ros(machine: str, has_ros: bool):
     assert {"numpy", "onnxruntime", "opencv-python-headless", "kairos-planner"} <= chosen
 
 
-def locked(name: str) -> set[str]:
-    """The packages of a lock, each with its version, its marker and its hashes."""
-    text = (ROOT / name).read_text("utf-8")
-    return {block.strip() for block in re.split(r"(?m)^(?=\w)", text) if block}
+def locked(name: str, here: dict[str, str]) -> set[tuple[str, str]]:
+    """The packages that a lock installs somewhere: each with its version, and its hashes."""
+    blocks = re.split(r"(?m)^(?=\w)", (ROOT / name).read_text("utf-8"))[1:]
+    split = [block.partition("\n") for block in blocks]
+    pins = [(Requirement(first.rstrip(" \\")), hashes) for first, _, hashes in split]
+    chosen = [(pin, hashes) for pin, hashes in pins if pin.marker is None or pin.marker.evaluate(here)]
+    return {(f"{pin.name}{pin.specifier}", hashes.strip()) for pin, hashes in chosen}
 
 
-def test_what_runs_is_locked_at_the_versions_that_are_tested():
-    assert locked("requirements.lock") < locked("requirements-dev.lock")
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13", "3.14"])
+@pytest.mark.parametrize(("system", "machine"), [("linux", "x86_64"), ("linux", "aarch64"), ("darwin", "arm64")])
+def test_what_runs_is_locked_at_the_versions_that_are_tested(python: str, system: str, machine: str):
+    here = {"python_version": python, "python_full_version": f"{python}.1"}
+    here |= {"sys_platform": system, "platform_machine": machine}
+    assert locked("requirements.lock", here) < locked("requirements-dev.lock", here)
