@@ -331,6 +331,11 @@ def _undoubled(word: str) -> str:
     return _DOUBLED.sub(r"\1", word)
 
 
+@functools.lru_cache(10_000)
+def _letters(word: str) -> frozenset[str]:
+    return frozenset(word)
+
+
 @functools.lru_cache(100_000)
 def similarity(one: str, other: str) -> float:
     """Similarity of two words from 0 to 1: the share of letters without an insertion, removal, change or swap.
@@ -346,6 +351,9 @@ def similarity(one: str, other: str) -> float:
         return 1.0
     if abs(len(one) - len(other)) > (1 - LEAST_SIMILARITY) * longest + 1e-9:
         return 0.0
+    most = (1 - LEAST_SIMILARITY + _JOINED) * longest + 1e-9
+    if max(len(_letters(one) - _letters(other)), len(_letters(other) - _letters(one))) > most:
+        return 0.0  # each change brings one missing letter at most
     before, row = [0] * (len(other) + 1), list(range(len(other) + 1))
     for i, letter in enumerate(one, 1):
         previous, row = row, [i]
@@ -361,15 +369,19 @@ def similarity(one: str, other: str) -> float:
 def _named(names: Iterable[tuple[str, int, str]], sentence: Sequence[str], starts: Collection[int]) -> list[_Span]:
     """The most similar values in a sentence, without overlaps; names may be split or joined differently."""
     spans: list[tuple[float, _Span]] = []
+    joined: dict[int, list[tuple[int, str]]] = {}  # by number of words
     for name, count, value in names:
         for length in range(max(1, count - 1), count + 2):
-            for start in range(len(sentence) - length + 1):
-                end = start + length
-                if any(start < at < end for at in starts):
-                    continue
-                alike = similarity(name, "".join(sentence[start:end])) - (_JOINED if length != count else 0.0)
+            if length not in joined:
+                joined[length] = [
+                    (start, "".join(sentence[start : start + length]))
+                    for start in range(len(sentence) - length + 1)
+                    if not any(start < at < start + length for at in starts)
+                ]
+            for start, text in joined[length]:
+                alike = similarity(name, text) - (_JOINED if length != count else 0.0)
                 if alike >= LEAST_SIMILARITY - _JOINED:
-                    spans.append((-count * alike, _Span(start, end, value, alike)))
+                    spans.append((-count * alike, _Span(start, start + length, value, alike)))
     chosen: list[_Span] = []
     for _, span in sorted(spans):
         if all(span.end <= other.start or span.start >= other.end for other in chosen):
