@@ -283,10 +283,8 @@ def _has_parts(kind: type) -> bool:
 
 def symbol_variables(part: object) -> set[str]:
     """Names of the variables of a plan in places for names, such as ``S`` in ``source(S)``."""
-    found = set[str]().union(*map(symbol_variables, parts_of(part)))
-    if isinstance(part, Symbolic):
-        found |= {arg.name for arg in part.args[: part.symbols] if isinstance(arg, Variable)}
-    return found
+    symbolic = (each for each in nodes_of(part) if isinstance(each, Symbolic))
+    return {arg.name for each in symbolic for arg in each.args[: each.symbols] if isinstance(arg, Variable)}
 
 
 def beliefs_in(part: object) -> Iterator[Belief]:
