@@ -1,6 +1,7 @@
 # make demo   Waldo on the committed bag, through real ROS 2 nodes
 # make test   the tests that take minutes; make test-all adds the slow ones
-# make test-pages   what people follow, see and install: tutorials and how-tos word by word, pages in a browser, packages
+# make test-pages   what people follow, see and install: tutorials and how-tos word by word, pages in a browser, packages;
+#   and a graph on two machines
 # make inspect   the page on which Waldo is seen to think, for the committed bag
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
@@ -28,6 +29,7 @@ BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
 PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
+MACHINES := tests/system/test_deployment.py::test_two_machines_run_one_graph
 JOBS ?= 2
 # One more than processors: system tests wait for other processes.
 WORKERS ?= 3
@@ -81,7 +83,7 @@ test-all: tools
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup
 
 test-pages: tools
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m slow $(PAGES)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m slow $(PAGES) $(MACHINES)
 
 fuzz: tools
 	$(INSTALL) --no-build-isolation -e '.[fuzz]'

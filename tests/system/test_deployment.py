@@ -111,6 +111,7 @@ def check_run(folder: Path, hosts: TwoHosts) -> None:
     assert workstation - workstation_before < robot - robot_before < raw
 
 
+@pytest.mark.slow  # make test-pages runs it
 def test_two_machines_run_one_graph(folder: Path) -> None:
     """The workstation comes first, and finds out by itself which machine it is."""
     for name in ("robot", "workstation"):
