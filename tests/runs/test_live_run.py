@@ -14,7 +14,7 @@ from socialbot.runs.run import LiveRun
 from socialbot.runs.why import explain
 from tests.runs.runs import START, frame, waldo_heard_by
 
-MINUTES = 20
+MINUTES = 10
 WELL = {"machine": "desk", "state": "active"}
 
 
