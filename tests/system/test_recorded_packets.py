@@ -62,7 +62,8 @@ nodes:
 TOPICS: tuple[str, ...] = ("/speech/say", "/head/command", "/seen", "/healths", "/joints", "/picture", "/frames")
 EFFECTS: tuple[str, ...] = ("/speech/status", "/head_controller/joint_trajectory")
 """Topics that tell what the robot does: it has begun to speak, and it moves the head."""
-REFUSED = re.compile(r"(/\S+): refused")
+REFUSED = re.compile(r"refused a message on (/[^\s:]+)|(/[^\s:]+): refused")
+"""In the log of a node, and of `up`."""
 
 
 @pytest.mark.ros
@@ -93,7 +94,7 @@ def test_recorded_packets_have_no_effect(with_keys: bool, tmp_path: Path) -> Non
     def refused() -> set[str]:
         """Topics of refused messages, by the logs of the last `up` and of its nodes."""
         places = (logs[-1], *(tmp_path / logs[-1].stem / "log").glob("*.log"))
-        return {topic for place in places for topic in REFUSED.findall(place.read_text())}
+        return {one or other for place in places for one, other in REFUSED.findall(place.read_text())}
 
     def hears_more() -> bool:
         """Whether newer messages of all topics arrive, and the robot speaks and moves."""
