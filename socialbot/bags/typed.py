@@ -148,6 +148,8 @@ def _read(field: Field, value: Any) -> Any:
 def _read_one(field: Field, value: Any) -> Any:
     if isinstance(field.kind, type):
         return from_builtins(_given(field.kind, value), field.kind)
+    if field.kind == JSON:
+        return from_json(value, Any)
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{field.name} is {value}, and no finite number")
-    return from_json(value, Any) if field.kind == JSON else value
+    return value
