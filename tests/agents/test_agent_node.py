@@ -117,7 +117,7 @@ ENDLESS = {
 
 @pytest.mark.parametrize("plans", ENDLESS.values(), ids=ENDLESS)
 def test_plans_without_end_are_an_error_where_time_is_simulated(plans: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 5_000)
+    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 1_000)
     endless = GraphTester(type("Agent", (Endless,), {"plans": plans}))
     with pytest.raises(NodeError, match=r"messages or calls follow each other at 0\.000 s"), endless:
         endless.run(1)

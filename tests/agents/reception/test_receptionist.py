@@ -13,13 +13,13 @@ TUESDAY_10 = 1_700_560_800 * SECOND  # 2023-11-21 10:00 UTC
 HOUR = 3600 * SECOND
 
 
-@pytest.fixture
-def building(tmp_path) -> str:
+@pytest.fixture(scope="module")
+def building(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A building whose library has hours of its own, and where Anna is called in emergencies."""
     text = BUILDING.read_text("utf-8").replace(
         "  laboratory:\n", "    hours: {mon-fri: '9:00-12:00'}\n  laboratory:\n", 1
     )
-    path = tmp_path / "building.yaml"
+    path = tmp_path_factory.mktemp("building") / "building.yaml"
     path.write_text(f"{text}emergency: anna\n", "utf-8")
     return str(path)
 
