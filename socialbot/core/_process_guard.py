@@ -71,10 +71,9 @@ class Guard:
     def _starved_s(self) -> float:
         """The wait for a processor (s) since the last look, of the thread that waited longest."""
         before, self._waits_s = self._waits_s, {}
-        folder = f"/proc/{self._pid}/task"
         try:
-            for thread in os.listdir(folder):
-                with open(f"{folder}/{thread}/schedstat", "rb") as file:
+            for thread in os.listdir(f"/proc/{self._pid}/task"):
+                with open(f"/proc/{self._pid}/task/{thread}/schedstat", "rb") as file:
                     self._waits_s[thread] = int(file.read().split()[1]) / 1e9
         except (OSError, IndexError):  # a thread has ended, or Linux does not count
             pass
