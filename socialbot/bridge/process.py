@@ -199,7 +199,7 @@ class SupervisorChannel:
         self.broken = False
 
     def fileno(self) -> int:
-        """The file descriptor, for ``select``."""
+        """The file descriptor, to wait for reports."""
         return self._end.fileno()
 
     def send(self, node: str, state: str, lost: Mapping[str, int] = NOTHING_LOST, /) -> None:

@@ -17,7 +17,6 @@ import importlib
 import inspect
 import logging
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -26,6 +25,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -174,7 +174,7 @@ class _Server:
         """
         waits, begun = ProcessorWaits(self.process.pid), time.monotonic()
         waits.total_s(begun)
-        while not select.select([self.socket], [], [], LOOK_S)[0]:
+        while not wait([self.socket], LOOK_S):
             report_alive()
             now = time.monotonic()
             if is_late(now - begun, waits.total_s(now) if is_first else 0.0, ANSWER_S):

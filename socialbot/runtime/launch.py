@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import select
 import signal
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -417,7 +417,7 @@ class Supervisor:
         if not channels:
             time.sleep(wait_s)
             return
-        for channel in select.select(list(channels), [], [], wait_s)[0]:
+        for channel in wait(list(channels), wait_s):
             for report in channel.receive():
                 self._note(channels[channel], report)
 

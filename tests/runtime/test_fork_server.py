@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import ctypes
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -15,9 +16,11 @@ from pathlib import Path
 import pytest
 
 from socialbot.graph.files import load_graph
+from socialbot.graph.status import ACTIVE
 from socialbot.runtime import _processes
 from socialbot.runtime import fork_server as fork_server_module
 from socialbot.runtime.fork_server import ForkedProcess, ForkServer, started_early
+from socialbot.runtime.launch import Supervisor
 from tests.system.running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.ros, pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")]
@@ -50,6 +53,24 @@ def test_a_fork_runs_the_command_line_and_logs_its_error(fork_server: ForkServer
     assert before == "before"
     assert "'nobody'" in "".join(said)
     assert "Traceback" not in log.read_text()
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """More open files than `select` can watch."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], min(2048, limits[1])), limits[1]))
+    files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
+    yield
+    for file in files:
+        os.close(file)
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+@pytest.mark.usefixtures("many_files")
+def test_a_graph_starts_in_a_process_with_many_open_files(tmp_path: Path) -> None:
+    with Supervisor(load_graph("waldo"), tmp_path, nodes=["head"]) as supervisor:
+        assert eventually(lambda: supervisor.attend(0.1) or supervisor.members["head"].state == ACTIVE)
 
 
 def test_a_server_compiles_damaged_modules_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
