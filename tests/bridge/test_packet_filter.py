@@ -8,7 +8,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -196,9 +196,11 @@ def test_each_node_is_protected_from_its_first_moment(monkeypatch: pytest.Monkey
 def filters() -> list[bool]:
     """Whether each socket for lists of nodes of this process has a filter."""
     found = []
-    for path in Path("/proc/self/fd").iterdir():
-        with suppress(OSError), socket.socket(fileno=os.dup(int(path.name))) as one:
-            if one.type == socket.SOCK_DGRAM and one.getsockname()[1] in NAMES_PORTS:
+    for path in list(Path("/proc/self/fd").iterdir()):
+        if not path.is_socket():
+            continue
+        with socket.socket(fileno=os.dup(int(path.name))) as one:
+            if one.family == socket.AF_INET and one.type == socket.SOCK_DGRAM and one.getsockname()[1] in NAMES_PORTS:
                 try:
                     one.getsockopt(socket.SOL_SOCKET, SO_GET_FILTER)
                     found.append(False)
