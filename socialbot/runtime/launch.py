@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing.connection import wait
 from pathlib import Path
+from selectors import EVENT_READ, DefaultSelector
 from typing import Any
 
 from socialbot.bridge import environment
@@ -409,17 +409,15 @@ class Supervisor:
         member.backoff.started(now)
 
     def _listen(self, timeout_s: float) -> None:
-        channels = {
-            one.channel: one for one in self.members.values() if one.channel is not None and not one.channel.broken
-        }
         due = [one.due - time.monotonic() for one in self.members.values() if one.due is not None]
         wait_s = max(0.0, min([timeout_s, *due]))
-        if not channels:
-            time.sleep(wait_s)
-            return
-        for channel in wait(list(channels), wait_s):
-            for report in channel.receive():
-                self._note(channels[channel], report)
+        with DefaultSelector() as selector:
+            for one in self.members.values():
+                if one.channel is not None and not one.channel.broken:
+                    selector.register(one.channel, EVENT_READ, one)
+            for key, _ in selector.select(wait_s):
+                for report in key.data.channel.receive():
+                    self._note(key.data, report)
 
     def _go_on_bringing_up(self, now: float) -> None:
         members = self.members.values()
