@@ -16,7 +16,6 @@ from socialbot.core.messages import (
     JointTrajectory,
     PersonDetections,
     SpeechStatus,
-    Transforms,
     Utterance,
 )
 from socialbot.graph.node import Node
@@ -63,8 +62,6 @@ class Hearer(Node):
     seen = Input(PersonDetections, "/seen")
     healths = Input(Health, "/healths")
     joints = Input(JointTrajectory, "/joints")
-    picture = Input(Image, "/picture")
-    frames = Input(Transforms, "/frames")
     spoken = Input(SpeechStatus, "/speech/status")
     moved = Input(JointTrajectory, "/head_controller/joint_trajectory")
 
@@ -93,14 +90,6 @@ class Hearer(Node):
     @joints
     def on_joints(self, message: JointTrajectory) -> None:
         self.note("/joints", message.joint_names[0])
-
-    @picture
-    def on_picture(self, message: Image) -> None:
-        self.note("/picture", message.frame_id)
-
-    @frames
-    def on_frames(self, message: Transforms) -> None:
-        self.note("/frames", message.transforms[0].child)
 
     @spoken
     def on_spoken(self, message: SpeechStatus) -> None:

@@ -19,18 +19,13 @@ from tests.system.two_hosts import ROBOT, WORKSTATION, open_to, script, two_host
 
 SEND = """
 import time
-import numpy as np
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.transport import open_transport
-from socialbot.core.messages import (
-    Health, HeadCommand, Image, JointTrajectory, PersonDetections, Transform, Transforms, Utterance
-)
-POSE = dict(parent="map", translation=(0.0, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0))
-PICTURE = dict(height=8, width=8, encoding="mono8", step=8, data=np.zeros(64, np.uint8))
+from socialbot.core.messages import Health, HeadCommand, JointTrajectory, PersonDetections, Utterance
 with spinning_node("sender") as ros:
     transport = open_transport()
     kinds = {"/speech/say": Utterance, "/head/command": HeadCommand, "/seen": PersonDetections, "/healths": Health,
-             "/joints": JointTrajectory, "/picture": Image, "/frames": Transforms}
+             "/joints": JointTrajectory}
     senders = {topic: transport.advertise(ros, topic, kind) for topic, kind in kinds.items()}
     number = 0
     while True:
@@ -42,8 +37,6 @@ with spinning_node("sender") as ros:
             PersonDetections: dict(frame_id=str(number), width=1, height=1, persons=()),
             Health: dict(node="camera", state="ok", reason=str(number)),
             JointTrajectory: dict(joint_names=(str(number),), positions=(0.0,), velocities=(), duration_s=1.0),
-            Image: dict(frame_id=str(number), **PICTURE),
-            Transforms: dict(transforms=(Transform(stamp=stamp, child=str(number), **POSE),)),
         }
         for topic, kind in kinds.items():
             if kind is not Utterance or number % 8 == 0:  # so that each word is said
@@ -53,16 +46,16 @@ with spinning_node("sender") as ros:
 RUN = "from socialbot.__main__ import run; run()"
 GRAPH = """
 name: receiving
-inputs: [/speech/say, /head/command, /seen, /healths, /joints, /picture, /frames, /humans/bodies/detections]
+inputs: [/speech/say, /head/command, /seen, /healths, /joints, /humans/bodies/detections]
 nodes:
   speech: {{type: speaker, parameters: {{playback: 'off'}}}}
   head: {{type: head}}
   hearer: {{type: 'tests.system.nodes:Hearer', parameters: {{record: {record}}}}}
 """
-TOPICS: tuple[str, ...] = ("/speech/say", "/head/command", "/seen", "/healths", "/joints", "/picture", "/frames")
+TOPICS: tuple[str, ...] = ("/speech/say", "/head/command", "/seen", "/healths", "/joints")
 EFFECTS: tuple[str, ...] = ("/speech/status", "/head_controller/joint_trajectory")
 """Topics that tell what the robot does: it has begun to speak, and it moves the head."""
-RECORDED = {"/speech/say", "/head/command", "/seen", "/joints"}
+RECORDED = {topic for topic in TOPICS if topic != "/healths"}
 """Topics whose refusals `up` tells."""
 REFUSED = re.compile(r"(/\S+): refused")
 
