@@ -524,7 +524,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         DoNothing() >> [stayIdle()],
         GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
         GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
-        # People who are present at a greeting, or appear while it is said, hear it.
+        # A greeting is heard by all people who are present, or who appear while it is said.
         +greeted(Who) / ((Who != SOMEBODY) & ~hears(Who))
         >> [+hello("said"), for_each(present(Other), [+hears(Other)])],
         +present(Who) / ((Who != SOMEBODY) & hello("said")) >> [+hears(Who)],

@@ -77,7 +77,7 @@ _OBJECTS = {"name", "thing", "time", "cause"}
 _OF_WORDS = {"said", "cause", "time"}
 """Evidence of the words of records only."""
 _OF_RECORDS = _OBJECTS | _OF_WORDS
-"""Evidence that does not say what was done."""
+"""Evidence of what a deed was about, or of the words of its record, but not of the deed itself."""
 _MOST_SAID = 0.8
 """Least share of the words in question that a deed says."""
 _EVENTS = set[str]().union(
