@@ -251,19 +251,23 @@ class Deliberator:
 
     def _check_desires(self, changed: Iterable[Fact]) -> None:
         """End fulfilled desires, and update which desires are blocked."""
-        states = dict.fromkeys(state for fact in changed for state in self.desires.about(fact))
+        states: dict[DesireState, bool] = {}  # with whether they may be fulfilled
+        for fact in changed:
+            for state, fulfils in self.desires.about(fact):
+                if fulfils or state not in states:
+                    states[state] = fulfils
         for state in states:
             state.never_preempts.clear()
         while states or self._unchecked:
-            states.update(dict.fromkeys(self._unchecked))
+            states.update(dict.fromkeys(self._unchecked, True))
             self._unchecked.clear()
-            for state in states:
+            for state, fulfils in states.items():
                 if self.desires.get(state.name) is state:
-                    self._check_desire(state)
+                    self._check_desire(state, fulfils or state is self.pursuit.current)
             states.clear()  # preparing desires may have been adopted
 
-    def _check_desire(self, state: DesireState) -> None:
-        if state.is_fulfilled() and not self._is_plan_nearly_done(state):
+    def _check_desire(self, state: DesireState, may_be_fulfilled: bool) -> None:
+        if may_be_fulfilled and state.is_fulfilled() and not self._is_plan_nearly_done(state):
             self._end(state, "fulfilled", "")
             return
         state.blocked = not (state.precondition_holds() and state.context_holds())

@@ -88,8 +88,8 @@ class DesireBase:
     def __init__(self) -> None:
         self._order: list[DesireState] = []
         self._by_name: dict[str, DesireState] = {}
-        self._readers: dict[Hashable, dict[DesireState, None]] = {}
-        self._children: dict[Hashable, dict[DesireState, None]] = {}
+        self._readers: dict[Hashable, dict[DesireState, bool]] = {}
+        self._children: dict[Hashable, dict[DesireState, bool]] = {}
         self._count = 0
 
     def __iter__(self) -> Iterator[DesireState]:
@@ -117,10 +117,10 @@ class DesireBase:
         state = DesireState(desire, self._count)
         self._by_name[desire.name] = state
         bisect.insort(self._order, state, key=lambda state: state.rank)
-        for key in _keys_in(desire):
-            self._readers.setdefault(key, {})[state] = None
+        for key, fulfils in _keys_in(desire).items():
+            self._readers.setdefault(key, {})[state] = fulfils
         if desire.parent:
-            self._children.setdefault(desire.parent, {})[state] = None
+            self._children.setdefault(desire.parent, {})[state] = False
         return state
 
     def revise(self, state: DesireState, priority: float, deadline: float) -> None:
@@ -144,22 +144,27 @@ class DesireBase:
     def _remove_from_order(self, state: DesireState) -> None:
         del self._order[bisect.bisect_left(self._order, state.rank, key=lambda state: state.rank)]
 
-    def about(self, fact: Fact) -> Iterator[DesireState]:
-        """Yield the desires that a change of a fact may fulfil, block or unblock, perhaps repeatedly."""
+    def about(self, fact: Fact) -> Iterator[tuple[DesireState, bool]]:
+        """Yield the desires that a change of a fact may fulfil, block or unblock, perhaps repeatedly.
+
+        With each comes whether the change may fulfil it.
+        """
         for key in (fact.identity, (fact.pddl_type, fact.name), (fact.pddl_type,)):
-            yield from self._readers.get(key, ())
+            yield from self._readers.get(key, {}).items()
 
     def children(self, parent: str) -> tuple[DesireState, ...]:
         """Return the desires that prepare the one of that name, in the order of arrival."""
         return tuple(self._children.get(parent, ()))
 
 
-def _keys_in(desire: Desire) -> dict[Hashable, None]:
-    """Return the index keys of the facts that a desire depends on."""
-    conditions = (*desire.wanted, *conditions_in(desire.precondition), *conditions_in(desire.context))
+def _keys_in(desire: Desire) -> dict[Hashable, bool]:
+    """Return the index keys of the facts that a desire depends on, and whether its fulfilment does."""
+    needs = (*conditions_in(desire.precondition), *conditions_in(desire.context))
+    keys = {key: False for condition in needs for key in _keys_of(condition.condition_to_check)}
+    keys.update((key, True) for condition in desire.wanted for key in _keys_of(condition.condition_to_check))
     absent = (check.condition_to_check for check in desire.wanted if check.check == "F")
-    objects = {(INSTANCE, name, ()): None for fact in absent for name in fact.params}
-    return {key: None for condition in conditions for key in _keys_of(condition.condition_to_check)} | objects
+    keys.update(((INSTANCE, name, ()), True) for fact in absent for name in fact.params)
+    return keys
 
 
 def _keys_of(fact: Fact) -> Iterator[Hashable]:
@@ -174,7 +179,7 @@ def _keys_of(fact: Fact) -> Iterator[Hashable]:
         yield (INSTANCE,)  # it stands for any of the objects that there are
 
 
-def _discard(index: dict[Hashable, dict[DesireState, None]], key: Hashable, state: DesireState) -> None:
+def _discard(index: dict[Hashable, dict[DesireState, bool]], key: Hashable, state: DesireState) -> None:
     del index[key][state]
     if not index[key]:
         del index[key]

@@ -25,7 +25,7 @@ def names(desires: DesireBase) -> list[str]:
 
 
 def about(desires: DesireBase, fact: Fact) -> list[str]:
-    return list(dict.fromkeys(state.name for state in desires.about(fact)))
+    return list(dict.fromkeys(state.name for state, _ in desires.about(fact)))
 
 
 def test_rank_is_priority_then_deadline_then_arrival(desires):
@@ -66,6 +66,16 @@ def test_a_desire_is_found_by_all_that_decides_whether_it_is_fulfilled_or_pursue
         assert about(desires, changed) == ["a"]
     for changed in (Fact(name="a"), Fact(name="clean", params=("b",)), Fact(name="battery"), i("a", "room")):
         assert about(desires, changed) == []
+
+
+def test_only_the_facts_of_its_conditions_may_fulfil_a_desire(desires):
+    dirty = FactCondition(condition_to_check=Fact(name="dirty", params=("hall",)), check="F")
+    desires.add(desire("a", precondition=dnf([("T", Fact(name="awake"))]), conditions=(dirty,)))
+    wanted = (Fact(name="clean", params=("a",)), Fact(name="dirty", params=("hall",)), i("hall", "room"))
+    assert all(fulfils for changed in wanted for _, fulfils in desires.about(changed))
+    assert [fulfils for _, fulfils in desires.about(Fact(name="awake"))] == [False]
+    desires.add(desire("b", precondition=dnf([("T", Fact(name="clean", params=("b",)))])))
+    assert [fulfils for _, fulfils in desires.about(Fact(name="clean", params=("b",)))] == [True], "it needs it, too"
 
 
 @pytest.mark.parametrize(
