@@ -27,11 +27,13 @@ import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
+from socialbot.vision.camera import Box
 from socialbot.vision.detector import clip, iou
 from socialbot.vision.tracking import Track
 
 _WIDTH = 320  # Images are compared at this width: coarse for vibrations, fine enough for breathing.
 _LARGE_SIGMA = 4.0  # Contrast is local to about this many pixels.
+_LARGE_SIZE = (25, 25)  # Pixels that count: three sigmas. OpenCV takes four, in twice the time.
 _FAINT = 3.0  # Contrast of fewer grey levels is noise.
 
 _LAG_S, _LEAST_LAG_S = 1.0, 0.3  # Usual and least age of the image to compare with.
@@ -118,7 +120,7 @@ class _Background:
         self.known = np.zeros(shape, bool)
 
     def learn(self, shapes: np.ndarray, free: np.ndarray) -> None:
-        self.shapes[free] = shapes[free]
+        np.copyto(self.shapes, shapes, where=free)
         self.known |= free
 
     def likeness(self, now: _Snapshot, box: np.ndarray, free: np.ndarray) -> float | None:
@@ -145,28 +147,32 @@ class _Motion:
         shared = _cells(now.grey * then.grey) - now.mean * then.mean
         gain = np.clip(shared / np.maximum(then.variance, 1e-3), 0.4, 2.5)
         rest = np.maximum(now.variance - 2 * gain * shared + gain**2 * then.variance, 0.0)
-        across = cv2.Sobel(now.grey, cv2.CV_32F, 1, 0, ksize=1) / 2
-        down = cv2.Sobel(now.grey, cv2.CV_32F, 0, 1, ksize=1) / 2
-        slope = _cells(across**2 + down**2) / 2
+        across, down = now.grey[:, 2:] - now.grey[:, :-2], now.grey[2:] - now.grey[:-2]
+        squares = np.zeros_like(now.grey)
+        squares[:, 1:-1] = across * across
+        squares[1:-1] += down * down
+        slope = _cells(squares) / 8
         outside = ~_covered(rest.shape, np.vstack([now.boxes, then.boxes]) / _CELL, _MARGIN)
-        if outside.mean() < _LEAST_REST:
+        if _share(outside) < _LEAST_REST:
             outside[:] = True
-        noise = float(np.median(rest[outside & (slope <= np.median(slope[outside]))]))
+        (middle,) = _quantiles(slope[outside], 0.5)
+        (noise,) = _quantiles(rest[outside & (slope <= middle)], 0.5)
         self.pixels = np.sqrt(np.maximum(rest - noise, 0.0) / (slope + noise + 1.0))
         self.shown = slope > _TEXTURE * noise + 2.0
         self.frozen = rest < _FROZEN
         behind = self.pixels[outside & self.shown]
-        self.noise, high = np.quantile(behind, [0.5, _HIGH]).tolist() if len(behind) else (0.0, 0.0)
+        self.noise, high = _quantiles(behind, 0.5, _HIGH) if len(behind) else (0.0, 0.0)
         self.still = max(_STILL_PX, _STILL_NOISE * min(high, _NOISE_TAIL * self.noise))
 
     def of(self, box: np.ndarray, free: np.ndarray) -> float | None:
         """Motion of the ``free`` part of ``box`` in pixels; None if the image does not show it."""
         x, y, right, bottom = _edges(box / _CELL + np.array([0.15, 0.0, -0.3, 0.0]) * box[2] / _CELL, self.pixels.shape)
-        there = _cells(free.astype(np.float32))[y:bottom, x:right] > 0.5
-        if there.mean() < _LEAST_FREE or self.frozen[y:bottom, x:right][there].mean() > _FROZEN_SHARE:
+        part = free[y * _CELL : bottom * _CELL, x * _CELL : right * _CELL]
+        there = _cells(part.astype(np.float32)) > 0.5
+        if _share(there) < _LEAST_FREE or _share(self.frozen[y:bottom, x:right][there]) > _FROZEN_SHARE:
             return None
         pixels = self.pixels[y:bottom, x:right][there & self.shown[y:bottom, x:right]]
-        return float(np.quantile(pixels, _HIGH)) if len(pixels) else None
+        return _quantiles(pixels, _HIGH)[0] if len(pixels) else None
 
 
 @dataclass(eq=False)
@@ -371,8 +377,8 @@ def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _Snapshot:
     size = (round(image.shape[1] * scale), max(1, round(image.shape[0] * scale)))
     grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     boxes = np.array([track.box for track in tracks], dtype=np.float64).reshape(-1, 4) * scale
-    shapes = grey - cv2.GaussianBlur(grey, (0, 0), _LARGE_SIGMA)
-    shapes /= np.sqrt(cv2.GaussianBlur(shapes * shapes, (0, 0), _LARGE_SIGMA)) + _FAINT
+    shapes = grey - cv2.GaussianBlur(grey, _LARGE_SIZE, _LARGE_SIGMA)
+    shapes /= cv2.sqrt(cv2.GaussianBlur(shapes * shapes, _LARGE_SIZE, _LARGE_SIGMA)) + _FAINT
     mean = _cells(grey)
     variance = _cells(grey**2) - mean**2
     return _Snapshot(stamp, grey, mean, variance, shapes, clip(boxes, *size), tuple(track.key for track in tracks))
@@ -383,18 +389,18 @@ def _has_turned(now: _Snapshot, then: _Snapshot | None) -> bool:
     if then is None:
         return False
     rest = ~_covered(now.shapes.shape, np.vstack([now.boxes, then.boxes]), 2 * _MARGIN)
-    if rest.mean() < _LEAST_REST:
+    if _share(rest) < _LEAST_REST:
         rest[:] = True
-    return _correlation(now.shapes[rest], then.shapes[rest]) < _TURNED
+    return _correlation(now.shapes * rest, then.shapes * rest) < _TURNED
 
 
 def _likeness(now: np.ndarray, then: np.ndarray, box: np.ndarray, free: np.ndarray) -> float | None:
     """Correlation (-1 to 1) of two images in the free part of ``box``; None if too little is free."""
     x, y, right, bottom = _edges(box, now.shape)
     there = free[y:bottom, x:right]
-    if there.mean() < _LEAST_FREE:
+    if _share(there) < _LEAST_FREE:
         return None
-    return _correlation(now[y:bottom, x:right][there], then[y:bottom, x:right][there])
+    return _correlation(now[y:bottom, x:right] * there, then[y:bottom, x:right] * there)
 
 
 def _has_gone(box: np.ndarray, begin: np.ndarray) -> bool:
@@ -407,9 +413,31 @@ def _shows(shapes: np.ndarray, history: _History) -> float:
     return _correlation(shapes[_inside(history.box, shapes.shape)], history.look)
 
 
+def _share(mask: np.ndarray) -> float:
+    """Share of an image that a mask covers."""
+    return np.count_nonzero(mask) / mask.size
+
+
+def _quantiles(values: np.ndarray, *shares: float) -> list[float]:
+    """Quantiles of ``values`` (n,), n > 0, interpolated; those of numpy take 20 times as long for few values."""
+    ordered = np.sort(values)
+    found = []
+    for share in shares:
+        place = share * (len(ordered) - 1)
+        below, above = ordered[[int(place), math.ceil(place)]].tolist()
+        found.append(below + (above - below) * (place % 1))
+    return found
+
+
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
-    energy = float((one * one).sum()) * float((other * other).sum())
-    return float((one * other).sum()) / math.sqrt(energy) if energy else 1.0
+    one, other = one.ravel(), other.ravel()
+    energy = _dot(one, one) * _dot(other, other)
+    return _dot(one, other) / math.sqrt(energy) if energy else 1.0
+
+
+def _dot(one: np.ndarray, other: np.ndarray) -> float:
+    """Sum of products. It does not depend on the number of threads, as that of BLAS would."""
+    return float(np.einsum("i,i->", one, other))
 
 
 def _covered(shape: tuple[int, ...], boxes: np.ndarray, margin: float) -> np.ndarray:
@@ -420,18 +448,20 @@ def _covered(shape: tuple[int, ...], boxes: np.ndarray, margin: float) -> np.nda
     return mask
 
 
-def _widened(box: np.ndarray, margin: float) -> np.ndarray:
-    return box + margin * box[2] * np.array([-1, -1, 2, 2])
+def _widened(box: np.ndarray, margin: float) -> Box:
+    x, y, w, h = box.tolist()
+    more = margin * w
+    return x - more, y - more, w + 2 * more, h + 2 * more
 
 
-def _inside(box: np.ndarray, shape: tuple[int, ...]) -> tuple[slice, slice]:
+def _inside(box: np.ndarray | Box, shape: tuple[int, ...]) -> tuple[slice, slice]:
     x, y, right, bottom = _edges(box, shape)
     return slice(y, bottom), slice(x, right)
 
 
-def _edges(box: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+def _edges(box: np.ndarray | Box, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
     """Left, top, right and bottom of a box in pixels, clipped to ``shape``, at least one pixel large."""
     height, width = shape
-    x, y = min(max(0, int(box[0])), width - 1), min(max(0, int(box[1])), height - 1)
-    right, bottom = round(box[0] + box[2]), round(box[1] + box[3])
-    return x, y, min(width, max(x + 1, right)), min(height, max(y + 1, bottom))
+    left, top, w, h = box.tolist() if isinstance(box, np.ndarray) else box
+    x, y = min(max(0, int(left)), width - 1), min(max(0, int(top)), height - 1)
+    return x, y, min(width, max(x + 1, round(left + w))), min(height, max(y + 1, round(top + h)))

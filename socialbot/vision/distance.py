@@ -19,6 +19,7 @@ than the person.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -172,7 +173,7 @@ def measure(
         return None
     cut = cut or Cut()
     hypotheses = _hypotheses(stature, 0.0 if cut.bottom else hidden, aside=cut.left or cut.right)
-    likelihood = np.array([_likelihood(camera, view, each, cut) for each in hypotheses])
+    likelihood = _likelihood(camera, view, hypotheses, cut)
     if face > 0:
         away = np.log(np.maximum(_DISTANCES - FACE_AHEAD_M, _NEAREST_M))
         aside = (away - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD
@@ -248,45 +249,53 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
     return Estimate(factor * estimate.value, factor * estimate.std)
 
 
-def _likelihood(camera: CameraModel, view: _BoxAngles, what: _Hypothesis, cut: Cut) -> np.ndarray:
-    """Log likelihood of the box at each of `_DISTANCES`.
+def _likelihood(camera: CameraModel, view: _BoxAngles, hypotheses: Sequence[_Hypothesis], cut: Cut) -> np.ndarray:
+    """Log likelihood of the box under each hypothesis (rows) at each of `_DISTANCES` (columns).
 
     The tangents of its top and bottom have errors of their own, and common ones: those of the camera's pose.
     """
+
+    def column(values: Iterable[float]) -> np.ndarray:
+        return np.array(list(values))[:, None]
+
     height = camera.pose.height_m
-    lowest = np.maximum(_DISTANCES - what.toes.value, _NEAREST_M) if what.bottom == 0 else _DISTANCES
-    top = view.top - (what.top.value - height) / _DISTANCES
-    bottom = view.bottom - (what.bottom - height) / lowest
+    lower_end = column(each.bottom for each in hypotheses)
+    on_floor = lower_end == 0
+    toes = column(each.toes.value for each in hypotheses)
+    lowest = np.where(on_floor, np.maximum(_DISTANCES - toes, _NEAREST_M), _DISTANCES)
+    top = view.top - (column(each.top.value for each in hypotheses) - height) / _DISTANCES
+    bottom = view.bottom - (lower_end - height) / lowest
     at_top, at_bottom = 1 + view.top**2, 1 + view.bottom**2
-    pitch = math.hypot(camera.pose.pitch_std_rad, _FREE_RAD if what.free else _MOUNT_RAD)
+    pitch_std = camera.pose.pitch_std_rad
+    pitch = column(math.hypot(pitch_std, _FREE_RAD if each.free else _MOUNT_RAD) for each in hypotheses)
     lift = camera.pose.height_std_m / _DISTANCES
-    mixed = -camera.pose.correlation * camera.pose.pitch_std_rad * lift
-    tall = math.hypot(what.top.std, _POSTURE * what.top.value)
+    mixed = -camera.pose.correlation * pitch_std * lift
+    tall = column(math.hypot(each.top.std, _POSTURE * each.top.value) for each in hypotheses)
     variance_top = view.edge**2 + (tall / _DISTANCES) ** 2
     variance_top = variance_top + (pitch * at_top) ** 2 + lift**2 + 2 * mixed * at_top
     # Hidden feet end anywhere.
-    vague = (height * what.toes.std / lowest**2 if what.bottom == 0 else _LEVEL_STD / _DISTANCES) ** 2
+    toes_std = column(each.toes.std for each in hypotheses)
+    vague = np.where(on_floor, height * toes_std / lowest**2, _LEVEL_STD / _DISTANCES) ** 2
     variance_bottom = (view.edge * at_bottom) ** 2 + vague + (pitch * at_bottom) ** 2 + lift**2 + 2 * mixed * at_bottom
     common = pitch**2 * at_top * at_bottom + lift**2 + mixed * (at_top + at_bottom)
-    log = np.zeros_like(_DISTANCES)
     if not (cut.top or cut.bottom):
         determinant = np.maximum(variance_top * variance_bottom - common**2, 1e-12)
         square = top**2 * variance_bottom - 2 * top * bottom * common + bottom**2 * variance_top
-        log -= 0.5 * square / determinant + 0.5 * np.log(determinant)
+        log = -0.5 * square / determinant - 0.5 * np.log(determinant)
     elif cut.bottom and not cut.top:
-        log -= 0.5 * top**2 / variance_top + 0.5 * np.log(variance_top)
         # The feet are below the image, given the top.
         rest = variance_bottom - common**2 / variance_top
+        log = -0.5 * top**2 / variance_top - 0.5 * np.log(variance_top)
         log += _log_normal_cdf((bottom - top * common / variance_top) / np.sqrt(rest))
     elif cut.top and not cut.bottom:
-        log -= 0.5 * bottom**2 / variance_bottom + 0.5 * np.log(variance_bottom)
         rest = variance_top - common**2 / variance_bottom
+        log = -0.5 * bottom**2 / variance_bottom - 0.5 * np.log(variance_bottom)
         log += _log_normal_cdf(-(top - bottom * common / variance_bottom) / np.sqrt(rest))
     else:
-        log += _log_normal_cdf(bottom / np.sqrt(variance_bottom)) + _log_normal_cdf(-top / np.sqrt(variance_top))
-    wide = math.hypot(what.width.std / what.width.value, _WIDE_SHARE)
-    wider = (math.log(what.width.value / 2 / view.half) - _LOGS) / wide
-    log += _log_normal_cdf(wider) if cut.left or cut.right else -0.5 * wider**2 - math.log(wide)
+        log = _log_normal_cdf(bottom / np.sqrt(variance_bottom)) + _log_normal_cdf(-top / np.sqrt(variance_top))
+    wide = column(math.hypot(each.width.std / each.width.value, _WIDE_SHARE) for each in hypotheses)
+    wider = (column(math.log(each.width.value / 2 / view.half) for each in hypotheses) - _LOGS) / wide
+    log += _log_normal_cdf(wider) if cut.left or cut.right else -0.5 * wider**2 - np.log(wide)
     return log
 
 

@@ -213,9 +213,8 @@ class CameraMotion:
         scale = _SMALL / width
         size = _SMALL, max(1, round(height * scale))
         step = max(1, width // (2 * _SMALL))
-        grey = cv2.resize(
-            cv2.cvtColor(image_bgr[::step, ::step], cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA
-        )
+        rows = cv2.cvtColor(image_bgr[::step], cv2.COLOR_BGR2GRAY)
+        grey = cv2.resize(rows[:, ::step], size, interpolation=cv2.INTER_AREA)
         before, corners = self._grey, self._corners
         free = np.full(grey.shape, 255, np.uint8)
         for x, y, right, bottom in np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]) * scale:
