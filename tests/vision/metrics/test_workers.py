@@ -53,13 +53,12 @@ def test_results_and_errors_are_pickled():
 @pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")
 def test_processes_end_with_a_killed_parent():
     code = """
-import subprocess
-import sys
+import os
 import time
 from socialbot.vision.metrics.workers import run_in_processes
-run_in_processes(time.sleep, [(600.0,), (600.0,)], 2, initializer=print, initargs=("begun",))
+run_in_processes(time.sleep, [(600.0,), (600.0,)], 2, initializer=os.write, initargs=(1, b"begun\\n"))
 """
-    with subprocess.Popen([sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         assert [parent.stdout.readline() for _ in range(2)] == ["begun\n", "begun\n"]
         workers = psutil.Process(parent.pid).children()
