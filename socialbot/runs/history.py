@@ -6,6 +6,8 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 
+import msgspec
+
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
 
@@ -17,6 +19,14 @@ LONGEST_CHAIN = 1000
 
 REMEMBERED_CHAIN = 20
 """Links and actions of a plan kept for current items after dropping older records."""
+
+MOST_BYTES = 200_000_000
+"""Most bytes of the records that a process keeps of a live run, each with its size as JSON."""
+
+
+def size_of(record: TraceRecord) -> int:
+    """Bytes of a record as JSON."""
+    return len(msgspec.json.encode(record))
 
 
 class History:

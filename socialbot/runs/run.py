@@ -13,12 +13,12 @@ import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import SocialbotError
-from socialbot.core.messages import AgentAnswer, Command, Health, Message, TraceRecord
+from socialbot.core.messages import AgentAnswer, Command, Health, Message
 from socialbot.core.registry import phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus, NodeStatuses
 from socialbot.graph.wizard import WizardKey
-from socialbot.runs.history import History
+from socialbot.runs.history import MOST_BYTES, History, size_of
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import NodeReport, trace_record
@@ -179,8 +179,6 @@ class RunView:
 
 LOOKS_BACK_S = 3600.0
 MOST_RECORDS = 100_000
-MOST_BYTES = 200_000_000
-"""Most bytes of the records, as lines of JSON."""
 LONGEST_RECORD = 1 << 18
 """Most bytes of a record, so that the last ones, which are dropped many at once, take little memory."""
 
@@ -252,7 +250,7 @@ class LiveRun(RunView):
                 if self.world_view is not None:
                     self.world_view.take(message)
                 continue
-            size = _size(record)
+            size = size_of(record)
             if size > LONGEST_RECORD:
                 self._left_out += 1
                 continue
@@ -271,16 +269,12 @@ class LiveRun(RunView):
             return
         self._forgot = now
         self._states.forget(history.until(back))
-        self._bytes = sum(map(_size, history))
+        self._bytes = sum(map(size_of, history))
         history.hide(back)
         self._timeline.forget(back)
         self.node_history.forget(history.seconds(back))
         if self.world_view is not None:
             self.world_view.forget(back)
-
-
-def _size(record: TraceRecord) -> int:
-    return len(msgspec.json.encode(record))
 
 
 def wording_of(graph: Graph | None) -> Wording:

@@ -11,7 +11,7 @@ from socialbot.core.messages import Health, Message
 from socialbot.runs.expectations._observation import Observation
 from socialbot.runs.expectations.checking import Instance, Verdict, judge
 from socialbot.runs.expectations.expectations import Expectation
-from socialbot.runs.history import History
+from socialbot.runs.history import MOST_BYTES, History, size_of
 from socialbot.runs.record import trace_record
 
 LATE_S = 0.5
@@ -43,7 +43,8 @@ class Violation:
 class BehaviourMonitor:
     """Checks expectations while messages arrive.
 
-    `observe` may be called from any thread, all else from one thread. Records older than one hour are discarded.
+    `observe` may be called from any thread, all else from one thread. Records older than one hour are discarded,
+    and so is the older half of more than `MOST_RECORDS` records or `MOST_BYTES`.
 
     Attributes:
         expectations: The expectations.
@@ -58,6 +59,7 @@ class BehaviourMonitor:
     _received: deque[tuple[str, Message]] = field(default_factory=deque, init=False)
     _decided: set[tuple[str, str, int | None]] = field(default_factory=set, init=False)
     _forgotten: int = field(default=0, init=False)
+    _bytes: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.states = {each.name: MonitorState() for each in self.expectations}
@@ -81,7 +83,7 @@ class BehaviourMonitor:
 
         Where messages have simulated time, their latest stamp is the time.
         """
-        while self._received:
+        for _ in range(len(self._received)):  # those that arrive meanwhile wait, or a flood would never let go
             self._take(*self._received.popleft())
         if not self._latest:
             return []
@@ -107,6 +109,7 @@ class BehaviourMonitor:
         record = trace_record(topic, message)
         if record is not None:
             self.history.append(record)
+            self._bytes += size_of(record)
             self._observation.take_record(record)
         elif isinstance(message, Health):
             self._observation.take_health((message.stamp - self.history.start) / SECOND, message)
@@ -131,10 +134,14 @@ class BehaviourMonitor:
                 yield Violation(verdict, instance)
 
     def _forget(self, now: int) -> None:
-        before = now - self.history.start - nanoseconds(KEPT_S)
+        history = self.history
+        before = now - history.start - nanoseconds(KEPT_S)
+        if self._bytes > MOST_BYTES:
+            before = max(before, history[len(history) // 2].stamp - history.start)
         if before > 0:
             self._forgotten = before
             self._observation.forget(before)
             self._decided = {key for key in self._decided if key[2] is None or key[2] >= before}
-        if len(self.history) > MOST_RECORDS:
-            self.history.forget(len(self.history) // 2)
+        if len(history) > MOST_RECORDS or self._bytes > MOST_BYTES:
+            history.forget(len(history) // 2)
+            self._bytes = sum(map(size_of, history))

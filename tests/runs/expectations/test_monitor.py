@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Health, PersonDetection, PersonDetections, State
+from socialbot.runs.expectations import monitor as monitor_module
 from socialbot.runs.expectations.monitor import LATE_S, BehaviourMonitor
 from socialbot.testing import always, at_all_times, expect, health, never, person, said
-from tests.runs.expectations.traces import says
+from tests.runs.expectations.traces import record, says
 
 START_S = 1000.0
 
@@ -102,3 +103,31 @@ def test_simulated_time_is_that_of_the_messages():
     show(watched, 0.0)
     show(watched, 1.0, distance_m=5.0)
     assert watched.poll(nanoseconds(1.7e9)) == []
+
+
+def test_older_half_of_too_long_records_is_discarded(monkeypatch):
+    monkeypatch.setattr(monitor_module, "MOST_BYTES", 1_000_000)
+    watched = monitor(greets=expect(said("hello")).within(2).after(person(nearer_than=6)))
+    sizes = []
+    for number in range(500):
+        show(watched, number, record(START_S + number, "belief", "x" * 10_000))
+        sizes.append(sum(len(each.what) for each in watched.history))
+    assert max(sizes) <= 1_000_000
+    assert min(sizes[200:]) >= 400_000
+    assert show(watched, 500.0, distance_m=5.0) == []
+    assert show(watched, 502.1, distance_m=5.0) == [("greets", "person t1", 500.0)], "it still judges"
+
+
+def test_messages_that_arrive_during_a_poll_wait_for_the_next_one(monkeypatch):
+    watched = monitor(greets=expect(said("hello")).within(2).after(person(nearer_than=6)))
+    taken = []
+
+    def flooded(topic, message):
+        taken.append(message)
+        watched.observe(topic, message)
+
+    monkeypatch.setattr(monitor_module, "trace_record", flooded)
+    watched.observe("/trace", record(START_S, "belief", "a"))
+    for _ in range(5):
+        watched.poll(nanoseconds(START_S + 1))
+    assert len(taken) == 5
