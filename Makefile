@@ -20,6 +20,7 @@
 # requirements-dev.lock, and comes with the first of them.
 
 PYTHON ?= python3
+NAMED := $(filter-out file,$(origin PYTHON))
 # An activated .venv has no pip: the Python that it was made with installs into it.
 override PYTHON := $(or $(shell $(PYTHON) -c 'import os, sys; \
   made = os.path.join(sys.base_prefix, "bin", "python%d.%d" % sys.version_info[:2]); \
@@ -44,18 +45,13 @@ EXTRAS := bench dask dev evaluation foxglove hear-model onnx project rerun sim s
 
 .PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers hear reception check docs dist lock clean $(EXTRAS)
 
+# Another Python would need another environment; extras may be installed in this one, and commands may run from it.
 setup: $(VENV)/installed
+	@[ -z "$(NAMED)" ] || $(PYTHON) -c 'import os, sys; here = "%d.%d" % sys.version_info[:2]; sys.exit( \
+	  0 if os.path.isdir("$(VENV)/lib/python" + here) \
+	  else "error: $(VENV) is not of Python " + here + "; to make it anew, remove it first: rm -r $(VENV)")'
 
-# The venv gets no pip of its own: a Debian without python3-venv has none to give.
-$(VENV)/installed: requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(not (3, 10) <= v[:2] <= (3, 14))' \
-	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'"; exit 5; }
-	$(PYTHON) -m venv --clear --without-pip $(VENV)
-	$(INSTALL) --no-compile --require-hashes -r requirements.lock
-	$(INSTALL) --no-deps --no-build-isolation -e .
-	@touch $@
-
-tools: $(VENV)/tools-installed
+tools: setup $(VENV)/tools-installed
 
 $(VENV)/tools-installed: $(VENV)/installed requirements-dev.lock
 	$(INSTALL) --require-hashes -r requirements-dev.lock

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -67,6 +69,43 @@ def test_the_image_holds_what_it_builds_the_package_from(tmp_path: Path):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
     assert names == tracked("socialbot")
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Path:
+    """A folder of a checkout, with a whole environment that another Python has made."""
+    for name in ("Makefile", "requirements.lock", "requirements-dev.lock", "pyproject.toml"):
+        shutil.copyfile(ROOT / name, tmp_path / name)
+    (tmp_path / ".venv" / "lib" / "python3.9").mkdir(parents=True)
+    for name in ("installed", "tools-installed"):
+        (tmp_path / ".venv" / name).touch()
+    return tmp_path
+
+
+def make(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run `make` as in a shell of its own: the tests themselves may be run by it."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHON" and not name.startswith("MAKE")}
+    command = ["make", *arguments]
+    return subprocess.run(command, cwd=folder, env=kept | environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("target", ["setup", "tools", "demo", "sim"])
+def test_make_refuses_a_python_that_is_not_that_of_the_environment(target: str, made: Path):
+    done = make(made, target, f"PYTHON={sys.executable}")
+    assert done.returncode
+    python = "{}.{}".format(*sys.version_info)
+    assert f"error: .venv is not of Python {python}; to make it anew, remove it first: rm -r .venv\n" in done.stderr
+    assert sorted(path.name for path in (made / ".venv").iterdir()) == ["installed", "lib", "tools-installed"]
+    assert make(made, target, PYTHON=sys.executable).stderr == done.stderr
+
+
+def test_make_takes_the_environment_as_it_is_where_no_python_is_named(made: Path):
+    assert not make(made, "setup").returncode
+
+
+def test_make_takes_the_environment_of_the_python_that_is_named(made: Path):
+    (made / ".venv" / "lib" / "python{}.{}".format(*sys.version_info)).mkdir()
+    assert not make(made, "setup", f"PYTHON={sys.executable}").returncode
 
 
 def test_the_development_container_sets_up_what_the_makefile_offers():
