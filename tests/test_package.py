@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-from importlib.metadata import requires
+from importlib.metadata import metadata, requires
 from pathlib import Path
 
 import pytest
@@ -125,6 +125,16 @@ def test_an_arm_machine_installs_all_but_ros(machine: str, has_ros: bool):
     chosen = {need.name for need in needs if need.marker is None or need.marker.evaluate(here)}
     assert ("ros-jazzy-rclpy" in chosen) is has_ros
     assert {"numpy", "onnxruntime", "opencv-python-headless", "kairos-planner"} <= chosen
+
+
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
+def test_every_extra_installs_something_with_each_python(python: str):
+    here = {"python_version": python, "sys_platform": "linux", "platform_machine": "x86_64"}
+    markers = [Requirement(text).marker for text in requires("socialbot") or () if "extra ==" in text]
+    extras = metadata("socialbot").get_all("Provides-Extra") or []
+    assert extras
+    for extra in extras:
+        assert any(marker and marker.evaluate(here | {"extra": extra}) for marker in markers), extra
 
 
 def locked(name: str, here: dict[str, str]) -> set[tuple[str, str]]:

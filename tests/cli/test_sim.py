@@ -19,5 +19,5 @@ def test_without_mujoco_no_bag_is_begun(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["foyer", "--record", "bag"])
     assert isinstance(done.exception, InstallationError)
     assert done.exception.remedy is not None
-    assert (extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11") in done.exception.remedy
+    assert extra_command("sim") in done.exception.remedy
     assert not list(tmp_path.iterdir())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import sys
 from typing import Any, Literal
 
 import numpy as np
@@ -45,8 +44,7 @@ def load_mujoco() -> Any:
     try:
         return importlib.import_module("mujoco")
     except ImportError as error:
-        remedy = extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11 or newer, which MuJoCo needs"
-        raise InstallationError(f"MuJoCo cannot be imported: {error}", remedy=remedy) from error
+        raise InstallationError(f"MuJoCo cannot be imported: {error}", remedy=extra_command("sim")) from error
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> str:

@@ -25,7 +25,7 @@ def test_missing_package_is_named_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InstallationError) as caught:
         PhysicalWarehouse()
-    assert (extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11") in str(caught.value)
+    assert extra_command("sim") in str(caught.value)
 
 
 class Hall:

@@ -27,7 +27,7 @@ def test_missing_package_is_named_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InstallationError) as caught:
         PhysicalWard(paper_ward())
-    assert (extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11") in str(caught.value)
+    assert extra_command("sim") in str(caught.value)
 
 
 def test_pace_without_ways_is_refused():
