@@ -51,6 +51,15 @@ setup: $(VENV)/installed
 	  0 if os.path.isdir("$(VENV)/lib/python" + here) \
 	  else "error: $(VENV) is not of Python " + here + "; to make it anew, remove it first: rm -r $(VENV)")'
 
+# The venv gets no pip of its own: a Debian without python3-venv has none to give.
+$(VENV)/installed: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(not (3, 10) <= v[:2] <= (3, 14))' \
+	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'"; exit 5; }
+	$(PYTHON) -m venv --clear --without-pip $(VENV)
+	$(INSTALL) --no-compile --require-hashes -r requirements.lock
+	$(INSTALL) --no-deps --no-build-isolation -e .
+	@touch $@
+
 tools: setup $(VENV)/tools-installed
 
 $(VENV)/tools-installed: $(VENV)/installed requirements-dev.lock
