@@ -54,7 +54,10 @@ setup: $(VENV)/installed
 # The venv gets no pip of its own: a Debian without python3-venv has none to give.
 $(VENV)/installed: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(not (3, 10) <= v[:2] <= (3, 14))' \
-	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'"; exit 5; }
+	  || { echo "error: Python 3.10 to 3.14 is needed; name one with 'make PYTHON=python3.11 ...'" >&2; exit 5; }
+	@$(PYTHON) -m pip --help 2> /dev/null | grep -q -e ' --python ' \
+	  || { echo "error: $(PYTHON) needs pip 22.3 or newer; install it (Debian, Ubuntu: apt install python3-pip)," \
+	    "and if it is older: $(PYTHON) -m pip install --upgrade pip" >&2; exit 5; }
 	$(PYTHON) -m venv --clear --without-pip $(VENV)
 	$(INSTALL) --no-compile --require-hashes -r requirements.lock
 	$(INSTALL) --no-deps --no-build-isolation -e .

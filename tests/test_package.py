@@ -89,6 +89,17 @@ def make(folder: Path, *arguments: str, **environment: str) -> subprocess.Comple
     return subprocess.run(command, cwd=folder, env=kept | environment, capture_output=True, text=True, check=False)
 
 
+def test_make_names_the_pip_that_it_needs_before_it_makes_an_environment(made: Path):
+    shutil.rmtree(made / ".venv")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", made / "bare"], check=True)
+    python = made / "bare" / "bin" / "python"
+    done = make(made, "setup", f"PYTHON={python}")
+    assert done.returncode
+    assert f"error: {python} needs pip 22.3 or newer; " in done.stderr
+    assert f"{python} -m pip install --upgrade pip" in done.stderr
+    assert not (made / ".venv").exists()
+
+
 @pytest.mark.parametrize("target", ["setup", "tools", "demo", "sim"])
 def test_make_refuses_a_python_that_is_not_that_of_the_environment(target: str, made: Path):
     done = make(made, target, f"PYTHON={sys.executable}")
