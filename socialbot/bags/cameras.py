@@ -115,8 +115,8 @@ def camera_info_of(image: str, infos: Collection[str], images: Collection[str], 
     """CameraInfo topic of the images on ``image``; empty if there is none.
 
     It lies in the namespace of the images, or below their topic, or in the namespace around: there it may belong to
-    other images, and does if these have another frame. Else it is one with the frame of the images, such as that of
-    the depth registered to them.
+    other images, and does if these have another frame. Else it lies deeper in the namespace around, if that has no
+    other images. Else it is one with the frame of the images, such as that of the depth registered to them.
 
     Args:
         image: Topic of the images.
@@ -134,6 +134,10 @@ def camera_info_of(image: str, infos: Collection[str], images: Collection[str], 
         if len(found) > 1:
             found.sort(key=lambda info: (frame(info) != frame(image), -_shared(info, name), info))
         if found:
+            return found[0]
+    if around and not any(other.startswith(f"{around}/") and _without_transport(other)[0] != name for other in images):
+        found = [info for info in infos if info.startswith(f"{around}/") and frame(info) in ("", frame(image))]
+        if len(found) == 1:
             return found[0]
     alike = [info for info in infos if frame(info) == frame(image) != ""]
     return min(alike, key=lambda info: (-_shared(info.split("/"), name.split("/")), info), default="")

@@ -263,9 +263,8 @@ class RosbagsTypes:
 def deserialize(connection: Connection, data: bytes) -> Any:
     """Decode ``data`` of ``connection``. Damaged bytes raise any exception."""
     types = _types(connection.msgtype, connection.msgdef, is_ros1(connection))
-    if is_ros1(connection):
-        return types.deserialize_ros1(data, connection.msgtype)
-    return _read_cdr(types, data, connection.msgtype)
+    read = _read_ros1 if is_ros1(connection) else _read_cdr
+    return read(types, data, connection.msgtype)
 
 
 @dataclass(frozen=True)
@@ -353,9 +352,18 @@ def to_cdr(connection: Connection, data: bytes) -> bytes:
     Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
     """
     if is_ros1(connection):
-        return bytes(_ros2_types(connection.msgtype, connection.msgdef).ros1_to_cdr(data, connection.msgtype))
+        types = _ros2_types(connection.msgtype, connection.msgdef)
+        used, _ = types.get_msgdef(connection.msgtype).getsize_ros1_to_cdr(data, 0, None, 0, types)
+        return bytes(types.ros1_to_cdr(data[:used], connection.msgtype))
     _check_cdr(data)
     return bytes(data)
+
+
+def _read_ros1(types: Typestore, data: bytes, name: str) -> Any:
+    # Like ROS, but unlike Typestore.deserialize_ros1, this accepts trailing bytes: the recorder of librealsense adds
+    # the units of depth behind an image.
+    definition = types.get_msgdef(name)
+    return definition.deserialize_ros1(memoryview(data), 0, definition.cls, types)[0]
 
 
 def _read_cdr(types: Typestore, data: bytes, name: str) -> Any:

@@ -17,8 +17,8 @@ from socialbot.core.errors import MessageError
 from socialbot.core.messages import CameraInfo
 
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")
-LENS_MODELS = ("plumb_bob", "rational_polynomial", *_FISHEYE)
-"""The distortion models that are known."""
+LENS_MODELS = ("plumb_bob", "rational_polynomial", "brown_conrady", *_FISHEYE)
+"""The distortion models that are known; recordings of librealsense name them in words, such as ``Brown Conrady``."""
 _COUNTS, _FISHEYE_COUNTS = (4, 5, 8, 12, 14), (0, 4)
 """Possible numbers of coefficients. Drivers publish a plumb_bob with eight, too: its number tells its meaning."""
 
@@ -30,7 +30,11 @@ _EYE = np.eye(3)
 
 def is_known(info: CameraInfo) -> bool:
     """Whether the distortion model of ``info`` is known, or there is no distortion."""
-    return info.distortion_model in LENS_MODELS or not any(info.d)
+    return _model(info) in LENS_MODELS or not any(info.d)
+
+
+def _model(info: CameraInfo) -> str:
+    return info.distortion_model.lower().replace(" ", "_")
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class Lens:
         Raises:
             MessageError: The model has another number of coefficients, or one is not finite.
         """
-        fisheye = info.distortion_model in _FISHEYE
+        fisheye = _model(info) in _FISHEYE
         if not is_known(info) or not (fisheye or any(info.d)):
             return None
         counts = _FISHEYE_COUNTS if fisheye else _COUNTS

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -134,6 +135,24 @@ def test_ros1_bags(tmp_path: Path) -> None:
     assert [message.k for _, message in infos if isinstance(message, CameraInfo)] == [K, K]
     with open_bag(path) as bag:
         assert (bag.start, bag.end) == (START, times(10)[-1])
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_ros1_messages_may_have_bytes_behind_their_fields(tmp_path: Path, suffix: str) -> None:
+    """The recorder of librealsense appends a field that the definition lacks, and ROS 1 ignores it."""
+    packed = [message + bytes(4) for message in channel("ros1")[-1]]
+    path = tmp_path / f"viewer{suffix}"
+    if suffix == ".bag":
+        with Ros1Writer(path) as writer:
+            pictures = writer.add_connection(RAW, "sensor_msgs/msg/Image", typestore=get_typestore(Stores.ROS1_NOETIC))
+            for time, message in zip(times(3), packed, strict=True):
+                writer.write(pictures, time, message)
+    else:
+        make_mcap(path, "ros1", [(*channel("ros1")[:-1], packed)])
+    check_pictures(path, 3)
+    with open_bag(path) as bag:
+        assert [TYPES.deserialize(data, name).width for *_, name, data in bag.raw_messages({RAW: RAW})] == [8, 8, 8]
+        assert bag.check() == {}
 
 
 def channel(encoding: str, *, count: int = 3) -> tuple[str, str, str, bytes, str, list[bytes]]:

@@ -193,11 +193,24 @@ def test_registered_depth_of_another_camera_is_not_preferred_to_that_in_the_fram
          "/head/right_camera_info"),
         ("/camera/image_raw", ["/lidar/camera_info"], [], ""),
         ("/rgb1/image", ["/aligned1/camera_info", "/rear1/camera_info"], [], "/aligned1/camera_info"),
+        # Recordings of librealsense.
+        ("/device_0/sensor_1/Color_0/image/data",
+         ["/device_0/sensor_0/Depth_0/info/camera_info", "/device_0/sensor_1/Color_0/info/camera_info"],
+         ["/device_0/sensor_0/Depth_0/image/data"], "/device_0/sensor_1/Color_0/info/camera_info"),
+        ("/device_0/sensor_0/Infrared_1/image/data",
+         ["/device_0/sensor_0/Infrared_1/info/camera_info", "/device_0/sensor_0/Infrared_2/info/camera_info"],
+         ["/device_0/sensor_0/Infrared_2/image/data"], "/device_0/sensor_0/Infrared_1/info/camera_info"),
+        ("/device_0/Color_0/image/data", ["/device_0/Color_0/info/camera_info"], ["/device_0/Color_0/thumbnail/data"],
+         ""),
+        ("/camera/color/image_raw", ["/camera/depth/camera_info"], [], ""),
     ],
 )  # fmt: skip
 def test_camera_info_belongs_to_the_images(image: str, infos: list[str], others: list[str], chosen: str) -> None:
     frames = {"/rgb1/image": "color", "/aligned1/camera_info": "color"}
-    frame = lambda topic: frames.get(topic, f"frame{topic}".rpartition("/")[0])  # noqa: E731
+    unnamed = "/device_0/"
+    frame = lambda topic: frames.get(  # noqa: E731
+        topic, "" if topic.startswith(unnamed) else f"frame{topic}".rpartition("/")[0]
+    )
     assert camera_info_of(image, infos, [image, *others], frame) == chosen
 
 

@@ -231,6 +231,9 @@ LENSES = [
     calibrated("plumb_bob", -0.030605, 0.035201, -0.000138, -0.000146, -0.01204, 0.0, 0.0, 0.0),
     calibrated("equidistant", -0.0043482, 0.0371257, -0.0355394, 0.005773, 0.0),
     calibrated("rational_polynomial", 0.0937095, -0.1640722, 0.0, 0.0, 0.1224193),
+    # As the recorder of librealsense names them.
+    calibrated("Brown Conrady", 0.1517, -0.5104, -0.0007, -0.0002, 0.4639, focal=600.0),
+    calibrated("Kannala Brandt4", -0.0043482, 0.0371257, -0.0355394, 0.005773, 0.0),
 ]
 
 
@@ -240,9 +243,10 @@ def test_directions_are_those_of_the_lens(lens: CameraInfo):
     bearings, elevations = np.meshgrid(np.linspace(-0.7, 0.7, 5), np.linspace(-0.4, 0.4, 3))
     rays = np.stack([-np.tan(bearings), -np.tan(elevations) / np.cos(bearings), np.ones_like(bearings)], axis=-1)
     points, k, d = rays.reshape(-1, 1, 3), np.array(lens.k).reshape(3, 3), np.array(lens.d or (0.0,) * 4)
-    if lens.distortion_model in ("equidistant", "fisheye"):
+    fisheye = lens.distortion_model in ("equidistant", "fisheye", "Kannala Brandt4")
+    if fisheye:
         d = d[:4]
-    project = cv2.projectPoints if lens.distortion_model in ("plumb_bob", "rational_polynomial") else _fisheye
+    project = _fisheye if fisheye else cv2.projectPoints
     pixels = project(points, np.zeros(3), np.zeros(3), k, d)[0].reshape(-1, 2)
     for (u, v), bearing, elevation in zip(pixels, bearings.reshape(-1), elevations.reshape(-1), strict=True):
         assert model.direction(u, v) == pytest.approx((bearing, elevation), abs=1e-4)
