@@ -184,9 +184,6 @@ _REPAIRS = {
     ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
 }
 
-_ENCODINGS = ("cdr", "ros1")
-"""Encodings of messages that are read: those of ROS 2 and ROS 1."""
-
 _READ = "the .mcap and .db3 files are read"
 
 _LFS_POINTER = b"version https://git-lfs.github.com/"
@@ -307,7 +304,7 @@ def _keep_ros(reader: Ros2Reader, path: object, damage: list[str]) -> None:
     kept: list[Connection] = []
     for each in reader.connections:
         encoding = each.ext.serialization_format if isinstance(each.ext, ConnectionExtRosbag2) else "cdr"
-        if encoding in _ENCODINGS:
+        if encoding in _storage_checks.ENCODINGS:
             name = each.msgtype  # in ROS 1, sensor_msgs/Image
             kept.append(each._replace(msgtype=name.replace("/", "/msg/")) if name.count("/") == 1 else each)
         else:

@@ -1,4 +1,7 @@
-"""Checks of MCAP and SQLite files before rosbags reads them.
+"""Readers of MCAP and SQLite files: rosbags reads them, after checks, and with a whole index.
+
+Writers of MCAP files may leave out each part of the index: rosbag2 writes no chunks with its preset ``fastwrite``.
+Without a part, rosbags finds no messages, or refuses them if they are not in the order of time.
 
 rosbags holds all chunks of one moment of an MCAP file at once. An index can name one chunk again and again, and each of
 many small chunks can become a gigabyte.
@@ -9,14 +12,117 @@ and pages can be used many times. So rosbags reads only files whose tables hold 
 
 from __future__ import annotations
 
+import heapq
+import struct
+from array import array
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import apsw
-from rosbags.rosbag2.storage_mcap import McapReader
+import numpy as np
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import reader as ros2_reader
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_RATIO
+
+ENCODINGS = ("cdr", "ros1")
+"""Encodings of messages that are read: those of ROS 2 and ROS 1."""
+
+_MESSAGE, _CHUNK, _MESSAGE_INDEX = 5, 6, 7
+_Messages = Generator[tuple[Connection, int, bytes], None, None]
+
+
+class IndexedMcapReader(McapReader):
+    """Reader of .mcap files that makes the index of a file without a whole one."""
+
+    def __init__(self, path: Any) -> None:
+        super().__init__(path)
+        self._loose = np.empty((0, 4), np.uint64)
+        """Time (ns), place, bytes and channel of each message outside of chunks, in the order of time."""
+
+    def read_index(self) -> None:
+        super().read_index()
+        if self._is_whole():
+            check_index(self)
+            return
+        # rosbags scans a file without statistics and chunks.
+        self.statistics = None
+        for part in (self.chunks, self.connections, self.channels, self.schemas):
+            part.clear()
+
+    def _is_whole(self) -> bool:
+        """Whether the index has all messages, and the types of those that are read."""
+        counts: Counter[int] = Counter()
+        for chunk in self.chunks:
+            counts.update(chunk.channel_count)
+        if self.statistics is not None:
+            have_all = counts.total() == self.statistics.message_count
+        else:
+            have_all = bool(self.chunks) and all(chunk.channel_count for chunk in self.chunks)
+        read = [channel for channel in self.channels.values() if channel.message_encoding in ENCODINGS]
+        have_types = all(channel.schema != "__schemaless__" for channel in read)
+        return have_all and have_types and counts.keys() <= self.channels.keys()
+
+    def meta_scan(self) -> None:
+        super().meta_scan()
+        self._list_records()
+        check_index(self)
+
+    def _list_records(self) -> None:
+        """Find the chunks, and the messages outside of chunks."""
+        assert self.bio is not None
+        self.chunks.clear()
+        loose = array("Q")
+        at = self.data_start
+        while at < self.data_end:
+            self.bio.seek(at)
+            kind, size = struct.unpack("<BQ", self.bio.read(9))
+            begin, at = at, at + 9 + size
+            if kind == _MESSAGE:
+                channel, _, time = struct.unpack("<HIQ", self.bio.read(14))
+                loose.extend((time, begin + 31, size - 22, channel))
+            elif kind == _CHUNK:
+                first, last, unpacked, _, length = struct.unpack("<QQQII", self.bio.read(32))
+                compression = self.bio.read(min(length, size)).decode()
+                (packed,) = struct.unpack("<Q", self.bio.read(8))
+                info = ChunkInfo(first, last, begin, 9 + size, {}, 0, compression, packed, unpacked, {})
+                self.chunks.append(info)
+            elif kind == _MESSAGE_INDEX and self.chunks:
+                channel, length = struct.unpack("<HI", self.bio.read(6))
+                self.chunks[-1].channel_count[channel] = length // 16
+        for chunk in self.chunks:
+            # That of the last chunk of a truncated file may have lost a part.
+            if chunk is self.chunks[-1] or not chunk.channel_count:
+                chunk.channel_count.update(dict.fromkeys(self.channels, 1))
+        found = np.frombuffer(loose, np.uint64).reshape(-1, 4)
+        self._loose = found[np.argsort(found[:, 0], kind="stable")]
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> _Messages:
+        """Yield the messages of ``connections`` from ``start`` until before ``stop`` (ns), in the order of time."""
+        in_chunks = super().messages(connections, start, stop) if self.chunks else ()
+        outside = self._outside(connections, start or 0, 2**64 if stop is None else stop)
+        yield from heapq.merge(in_chunks, outside, key=lambda each: each[1])
+
+    def _outside(
+        self, connections: Collection[Connection], start: int, stop: int
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        wanted = {each.id: each for each in connections}
+        for time, place, size, channel in map(np.ndarray.tolist, self._loose):
+            if start <= time < stop and channel in wanted:
+                assert self.bio is not None
+                self.bio.seek(place)
+                yield wanted[channel], time, self.bio.read(size)
+
+    def close(self) -> None:
+        self._loose = self._loose[:0]
+        super().close()
 
 
 def check_index(reader: McapReader) -> None:
@@ -54,13 +160,9 @@ _LEAST_STEPS, _STEPS_A_BYTE = 10_000_000, 20
 
 def install() -> None:
     """Make the readers of rosbags open only checked files, and SQLite files also if their name has a ``%`` or ``?``."""
-    read_index = McapReader.read_index
-
-    def checked_index(reader: McapReader) -> None:
-        read_index(reader)
-        check_index(reader)
-
-    McapReader.read_index = checked_index  # type: ignore[method-assign]
+    for each in (ros2_reader.DirectoryReader, ros2_reader.Reader):
+        named = {name: IndexedMcapReader for name, kind in each.STORAGE_PLUGINS.items() if kind is McapReader}
+        each.STORAGE_PLUGINS = {**each.STORAGE_PLUGINS, **named}
     open_unchecked = Sqlite3Reader.open
 
     def open_checked(reader: Sqlite3Reader) -> None:

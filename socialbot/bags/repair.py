@@ -16,8 +16,9 @@ from socialbot.core.reading import open_file
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_HEADER, _FOOTER, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 1, 2, 6, 7, 8, 11, 15
-_KNOWN = range(_HEADER, _DATA_END)
+_HEADER, _FOOTER, _DATA_END = 1, 2, 15
+_KNOWN = range(_FOOTER + 1, _DATA_END)
+_NO_INDEX = struct.pack("<BQ", _FOOTER, 20) + bytes(20) + MAGIC
 _PROFILE = struct.pack("<I4s", 4, b"ros2")
 _LONGEST_HEADER = 1 << 16
 
@@ -108,63 +109,18 @@ def with_profile_of_ros2(path: Path) -> Mended | None:
 
 
 def salvage(path: Path) -> Mended | None:
-    """Find the intact part of the .mcap file at ``path``; None if it has no message."""
+    """Find the intact records of the .mcap file at ``path``; None if it does not begin as one."""
     size = path.stat().st_size
     with open_file(path) as file:
-        if file.read(len(MAGIC)) != MAGIC:
+        whole = len(MAGIC)
+        if file.read(whole) != MAGIC:
             return None
-        whole, chunks = _scan(file, size)
-    if whole <= len(MAGIC):
-        return None
-    return Mended(path, whole, size, _tail(whole, chunks))
-
-
-@dataclass
-class _Chunk:
-    """Chunk record of ``length`` bytes from ``start``: ``times`` and ``sizes`` are parts of its index record."""
-
-    start: int
-    length: int
-    times: bytes
-    sizes: bytes
-    index: dict[int, int]
-    index_length: int = 0
-
-
-def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
-    """Return the end of the intact records, and their chunks. A chunk without index is not intact."""
-    chunks: list[_Chunk] = []
-    whole = len(MAGIC)
-    while len(head := file.read(9)) == 9:
-        kind, length = head[0], int.from_bytes(head[1:], "little")
-        end = file.tell() + length
-        if kind not in _KNOWN or kind == _FOOTER or end > size:
-            break
-        if kind == _CHUNK:
-            times, uncompressed, _ = file.read(16), file.read(8), file.read(4)
-            name_length = file.read(4)
-            name = file.read(min(int.from_bytes(name_length, "little"), length))
-            sizes = name_length + name + file.read(8) + uncompressed
-            chunks.append(_Chunk(end - length - 9, 9 + length, times, sizes, {}))
-        elif kind == _MESSAGE_INDEX and chunks:
-            chunks[-1].index[int.from_bytes(file.read(2), "little")] = end - length - 9
-            chunks[-1].index_length = end - chunks[-1].start - chunks[-1].length
-        if kind != _CHUNK:
-            whole = end
-        file.seek(end)
-    return whole, [chunk for chunk in chunks if chunk.start < whole and chunk.index]
-
-
-def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
-    """Build a summary of ``chunks`` and the footer. With empty statistics, readers scan the chunks."""
-    records = []
-    for chunk in chunks:
-        offsets = b"".join(struct.pack("<HQ", *entry) for entry in chunk.index.items())
-        place = struct.pack("<QQI", chunk.start, chunk.length, len(offsets))
-        index = chunk.times + place + offsets + struct.pack("<Q", chunk.index_length) + chunk.sizes
-        records.append((_CHUNK_INDEX, index))
-    records += [(_STATISTICS, bytes(46)), (_FOOTER, struct.pack("<QQI", whole, 0, 0))]
-    return b"".join(struct.pack("<BQ", kind, len(content)) + content for kind, content in records) + MAGIC
+        while len(head := file.read(9)) == 9:
+            kind, end = head[0], file.tell() + int.from_bytes(head[1:], "little")
+            if kind not in (_KNOWN if whole > len(MAGIC) else (_HEADER,)) or end > size:
+                break
+            whole = file.seek(end)
+    return Mended(path, whole, size, _NO_INDEX) if whole > len(MAGIC) else None
 
 
 log = logging.getLogger("socialbot.bags")
