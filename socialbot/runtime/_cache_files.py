@@ -5,26 +5,22 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import tempfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO
 
 from socialbot.core.errors import ParameterError
 from socialbot.core.limits import DATA_BYTES
+from socialbot.core.paths import replace_file
 from socialbot.core.reading import open_file, read_bytes
 
 log = logging.getLogger("socialbot.cache")
 
 SUFFIX = ".percepts"
-_TEMPORARY = ".part"
 _MAGIC = b"socialbot percepts 1\n"
 _DIGEST = hashlib.sha256().digest_size
 _READ_BYTES = 1 << 20
-_ABANDONED_S = 24 * 3600.0  # Temporary files of killed processes are removed at this age.
 
 
 @dataclass(frozen=True)
@@ -38,10 +34,7 @@ class CacheFile:
 
 
 class CacheFolder:
-    """Folder of entries, of which the least recently used are removed above ``max_bytes``.
-
-    Entries are written to a temporary file and renamed, so that other processes see whole ones only.
-    """
+    """Folder of entries, of which the least recently used are removed above ``max_bytes``."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         self.path = path
@@ -78,10 +71,16 @@ class CacheFolder:
             log.debug("%s: %s", path, error)
         return content
 
-    def write(self, key: str) -> CacheWriter:
-        """Begin an entry. Raises OSError if the folder cannot be written."""
+    def write(self, key: str, content: bytes) -> bool:
+        """Write an entry in one step; return False if it is larger than the whole cache may be. Raises OSError."""
+        packed = zlib.compress(content, 6)
+        data = b"".join((_MAGIC, hashlib.sha256(packed).digest(), packed))
+        if len(data) > self.max_bytes:
+            return False
         self.path.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return CacheWriter(self, self._path(key))
+        replace_file(self._path(key), data)
+        self.shrink()
+        return True
 
     def remove(self, key: str) -> None:
         self._path(key).unlink(missing_ok=True)
@@ -105,72 +104,15 @@ class CacheFolder:
         return len(files), sum(each.size for each in files)
 
     def shrink(self) -> None:
-        """Remove the least recently used entries above the limit, and files that killed processes left behind."""
+        """Remove the least recently used entries above the limit."""
         left = self.max_bytes
-        newest = 0.0
         for each in self.files():
-            newest = max(newest, each.used)
             left -= each.size
             if left < 0:
                 each.path.unlink(missing_ok=True)
-        for path in self.path.glob(f"*{_TEMPORARY}"):
-            try:
-                if newest - path.stat().st_mtime > _ABANDONED_S:
-                    path.unlink(missing_ok=True)
-            except FileNotFoundError:
-                continue
 
     def _path(self, key: str) -> Path:
         return self.path / f"{key}{SUFFIX}"
-
-
-class CacheWriter:
-    """Entry that is being written; it exists after `commit` only."""
-
-    def __init__(self, folder: CacheFolder, path: Path) -> None:
-        self._folder = folder
-        self._path = path
-        handle, name = tempfile.mkstemp(suffix=_TEMPORARY, dir=folder.path)
-        self._temporary = Path(name)
-        self._file: IO[bytes] = os.fdopen(handle, "wb")
-        self._file.write(_MAGIC + bytes(_DIGEST))
-        self._digest = hashlib.sha256()
-        self._packed = zlib.compressobj(6)
-        self._size = len(_MAGIC) + _DIGEST
-
-    def __enter__(self) -> CacheWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.drop()
-
-    def add(self, data: bytes) -> None:
-        """Append ``data``. Raises OSError."""
-        self._put(self._packed.compress(data))
-
-    def commit(self) -> bool:
-        """Finish the entry; return False if it is larger than the whole cache may be. Raises OSError."""
-        self._put(self._packed.flush())
-        if self._size > self._folder.max_bytes:
-            self.drop()
-            return False
-        self._file.seek(len(_MAGIC))
-        self._file.write(self._digest.digest())
-        self._file.close()
-        self._temporary.replace(self._path)
-        self._folder.shrink()
-        return True
-
-    def drop(self) -> None:
-        """Give the entry up; no effect after `commit`."""
-        if not self._file.closed:
-            self._file.close()
-            self._temporary.unlink(missing_ok=True)
-
-    def _put(self, data: bytes) -> None:
-        self._file.write(data)
-        self._digest.update(data)
-        self._size += len(data)
 
 
 def hash_file(path: Path, *, where: str) -> bytes:

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from socialbot.core.decoding import msgpack_decoder
 from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import Health, Message, RosMessage
 from socialbot.graph.node import Graph, Node, NodeConfig, check_parameters
-from socialbot.runtime._cache_files import CacheFile, CacheFolder, CacheWriter, files_below, hash_file
+from socialbot.runtime._cache_files import CacheFile, CacheFolder, files_below, hash_file
 from socialbot.runtime._memory_nodes import (
     Step,
     StepPlayer,
@@ -124,8 +124,8 @@ class CachedPerception:
     _player: StepPlayer | None = None
     _inputs: list[Step] | None = None
     _recorder: StepRecorder | None = None
-    _writer: CacheWriter | None = None
     _entry: Entry | None = None
+    _blocks: list[bytes] = field(default_factory=list)
 
     def messages(self) -> Iterator[tuple[str, Message]]:
         """Yield the messages of the bag for the graph; images are empty where nobody looks at them."""
@@ -149,25 +149,21 @@ class CachedPerception:
                     self._folder.remove(self._key)
                 what = f"the bag changed during the replay: {self._player.differs}"
                 raise BagError(what, where=str(self._bag.path), remedy="replay it again")
-        elif self._writer is not None:
+        elif self._recorder is not None:
             self.state = self._commit(complete)
 
     def _commit(self, complete: bool) -> str:
-        assert self._writer is not None
         assert self._recorder is not None
         assert self._entry is not None
-        with self._writer as writer:
-            if not complete or self._recorder.refused:
-                return self._recorder.refused or "the run was stopped"
-            self._entry.skipped = {
-                topic: self._bag.skipped[topic] for topic in self._feeds if topic in self._bag.skipped
-            }
-            try:
-                writer.add(_block(msgspec.msgpack.encode(self._entry)))
-                return "written" if writer.commit() else "the cache is too small for this bag"
-            except OSError as error:
-                log.warning("%s: not cached: %s", self._folder.path, error.strerror)
-                return "the cache cannot be written"
+        if not complete or self._recorder.refused:
+            return self._recorder.refused or "the run was stopped"
+        self._entry.skipped = {topic: self._bag.skipped[topic] for topic in self._feeds if topic in self._bag.skipped}
+        content = b"".join((*self._blocks, _block(self._entry)))
+        try:
+            return "written" if self._folder.write(self._key, content) else "the cache is too small for this bag"
+        except OSError as error:
+            log.warning("%s: perception is not cached: %s", self._folder.path, error.strerror)
+            return "the cache cannot be written"
 
     def _noted(self, read: Iterator[tuple[str, Message]]) -> Iterator[tuple[str, Message]]:
         assert self._entry is not None
@@ -178,15 +174,9 @@ class CachedPerception:
             yield topic, message
 
     def _note(self, step: Step) -> None:
-        assert self._writer is not None
         assert self._recorder is not None
-        if self._recorder.refused:
-            return
-        try:
-            self._writer.add(_block(msgspec.msgpack.encode(step)))
-        except OSError as error:
-            log.warning("%s: perception is not cached: %s", self._folder.path, error.strerror)
-            self._recorder.refuse("the cache cannot be written")
+        if not self._recorder.refused:
+            self._blocks.append(_block(step))
 
 
 class PerceptionCache:
@@ -247,11 +237,6 @@ class PerceptionCache:
     def _recorded(
         self, bag: Bag, graph: Graph, feeds: Mapping[str, str], key: str, replaced: set[str], settings: dict[str, Any]
     ) -> CachedPerception:
-        try:
-            writer = self.folder.write(key)
-        except OSError as error:
-            log.warning("%s: perception is not cached: %s", self.folder.path, error.strerror)
-            return CachedPerception(graph, "the cache cannot be written", bag, feeds, self.folder)
         names = tuple(config.name for config in graph.nodes if config.name in replaced)
         detectors = (config.parameters.get("detector", "") for config in graph.nodes if config.name in replaced)
         entry = Entry(
@@ -261,7 +246,7 @@ class PerceptionCache:
             settings=settings,
             feeds=dict(feeds),
         )
-        made = CachedPerception(graph, "recording", bag, feeds, self.folder, key, _writer=writer, _entry=entry)
+        made = CachedPerception(graph, "recording", bag, feeds, self.folder, key, _entry=entry)
         made._recorder = StepRecorder(made._note)
         types = {name: recording_type(graph.node(name).type, made._recorder) for name in names}
         made.graph = _with_types(graph, types)
@@ -430,7 +415,8 @@ def _source(root: Path) -> bytes:
 # Content of an entry
 
 
-def _block(data: bytes) -> bytes:
+def _block(content: Step | Entry) -> bytes:
+    data = msgspec.msgpack.encode(content)
     return len(data).to_bytes(4, "big") + data
 
 
