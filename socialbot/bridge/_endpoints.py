@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 import threading
@@ -22,7 +23,7 @@ from socialbot.core.messages import CompressedImage, Image, Message, PointCloud,
 from socialbot.graph.node import WireForm
 
 if TYPE_CHECKING:
-    from socialbot.bridge.driver_domain import DriverPublisher
+    from socialbot.bridge.driver_domain import DriverNode
     from socialbot.bridge.security import Opener, Stream
 
 M = TypeVar("M", bound=Message)
@@ -45,7 +46,7 @@ class Sender:
         seals: Publisher of detached seals, for messages of standard types; None for structured messages.
         latched: Whether late subscribers get the last message.
         sent: Number of messages, without renewals and beacons.
-        drivers: Publisher of the plain messages in the domain of drivers.
+        drivers: Node with a publisher of the plain messages, in the domain of drivers.
     """
 
     publisher: Any
@@ -55,7 +56,7 @@ class Sender:
     seals: Any = None
     latched: bool = False
     sent: int = 0
-    drivers: DriverPublisher | None = None
+    drivers: DriverNode | None = None
     clock: Callable[[], float] = time.monotonic
     _last: str | None = field(default=None, init=False)
     _destroyed: bool = field(default=False, init=False)
@@ -87,7 +88,7 @@ class Sender:
                 self.seals.publish(self._text(seal))
                 self.publisher.publish(cdr)
         if self.drivers is not None:
-            self.drivers.publish(ros_message)
+            self.drivers.publisher.publish(ros_message)
         self.sent += 1
 
     def forward(self, ros_message: Any) -> None:
@@ -256,6 +257,12 @@ def log_refusal(topic: str, count: int, error: MessageError) -> None:
     """Log the first, tenth, hundredth, ... refused message of a topic."""
     if is_power_of_ten(count):
         log.warning("%s: refused %d messages (%s): %s", topic, count, refusal_reason(error), error)
+
+
+def log_refusals(topic: str) -> Callable[[MessageError], None]:
+    """Return a function that logs refused messages of ``topic`` as `log_refusal` does."""
+    counts = itertools.count(1)
+    return lambda error: log_refusal(topic, next(counts), error)
 
 
 def is_power_of_ten(count: int) -> bool:

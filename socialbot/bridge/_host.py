@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import JumpThreshold, TimeJump
-from rclpy.clock_type import ClockType
 from rclpy.context import Context as RosContext
 from rclpy.duration import Duration
 from rclpy.node import Node as RosNode
@@ -48,6 +46,7 @@ from socialbot.bridge.diagnostics import (
     listener_connections,
     sender_connections,
 )
+from socialbot.bridge.environment import steady_timer
 from socialbot.bridge.qos import QUEUE_DEPTH, subscription_qos
 from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, StepReport
 from socialbot.bridge.transport import Listener, Receiver, Sender, Transport, open_transport, refusal_reason
@@ -66,7 +65,6 @@ OUTSIDE_S = 2.0  # period of the look at publishers outside the graph
 HEARTBEAT_S = 0.5  # period of the state reports to a supervisor
 LAST_MESSAGES_S = 1.0  # longest time that the end of a node waits for the delivery of its last messages
 DDS_HOLD_S = 1.0  # time to keep a topic on DDS after its last outside subscriber, so that messages stay in order
-STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
 
 class IntraProcess:
@@ -165,7 +163,7 @@ class NodeHost:
         """Topic, ROS type and quality of service of the inputs from outside."""
         self._mismatches: dict[Input[Any], str] = {}
         self._outside_pace = discovery.Pace()
-        self._outside_timer = self._ros.create_timer(OUTSIDE_S, self._check_outside, clock=STEADY)
+        self._outside_timer = steady_timer(self._ros, OUTSIDE_S, self._check_outside)
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
         self._services = HostedServices(self._ros, config, lambda: self.active_thread, self._transport)
@@ -193,7 +191,7 @@ class NodeHost:
             lambda: None if self._thread is None else self._thread.health,
         )
         if supervisor is not None:
-            self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
+            self._heartbeat = steady_timer(self._ros, HEARTBEAT_S, self._beat)
 
     @property
     def ros_node(self) -> RosNode:

@@ -13,8 +13,6 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action.client import ActionClient as RosActionClient
 from rclpy.action.client import ClientGoalHandle
-from rclpy.clock import Clock as SteadyClock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node as RosNode
 from rclpy.qos import qos_profile_system_default
 from rclpy.serialization import serialize_message
@@ -23,6 +21,7 @@ from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
 from socialbot.bridge.discovery import Pace, readable
+from socialbot.bridge.environment import steady_timer
 from socialbot.core.errors import MessageError
 from socialbot.graph.calls import Outcome, PendingCall
 
@@ -65,9 +64,8 @@ class RosChannel:
         self._waiting: list[PendingCall] = []
         self._sent: dict[PendingCall, frozenset[bytes] | None] = {}
         """Calls in progress, with the servers that got them; None while a name among the servers is no text."""
-        clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
         self._pace = Pace()
-        self._timer = ros.create_timer(CHECK_PERIOD_S, self._check, clock=clock, autostart=False)
+        self._timer = steady_timer(ros, CHECK_PERIOD_S, self._check, autostart=False)
 
     def send(self, call: PendingCall) -> None:
         expect_valid(call.message, self.topic)

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.action.server import ActionServer as RosActionServer
 from rclpy.action.server import CancelResponse, GoalResponse
-from rclpy.clock import Clock as SteadyClock
-from rclpy.clock_type import ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node as RosNode
 from rclpy.task import Future
@@ -32,7 +30,7 @@ from socialbot.bridge._service_clients import (
     in_executor,
 )
 from socialbot.bridge.driver_domain import DriverNode
-from socialbot.bridge.environment import KEYS_VARIABLE, reach
+from socialbot.bridge.environment import KEYS_VARIABLE, reach, steady_timer
 from socialbot.bridge.transport import Transport, is_power_of_ten, message_class
 from socialbot.bridge.wait_sets import OneThreadExecutor
 from socialbot.core.errors import InstallationError, ParameterError
@@ -66,8 +64,7 @@ class HostedServices:
         self._servers: list[_RosService | _RosAction] = []
         self._absent_since: dict[str, float] = {}
         """Time (monotonic s) since which a server is missing; minus infinity after it was there."""
-        clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
-        self._timer = ros.create_timer(WATCH_PERIOD_S, self._watch, clock=clock) if config.clients else None
+        self._timer = steady_timer(ros, WATCH_PERIOD_S, self._watch) if config.clients else None
 
     def _watch(self) -> None:
         """Notify the node of servers that go away or do not appear."""
@@ -133,7 +130,6 @@ class HostedServices:
         return self._ros
 
     def channel(self, port: ClientPort) -> Channel:
-        """The channel of a client."""
         channel = self._channels.get(port.name)
         return NoChannel(self._config.topic(port)) if channel is None else channel
 

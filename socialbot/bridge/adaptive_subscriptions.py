@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from socialbot.bridge import discovery
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.qos import matching_qos
 from socialbot.bridge.stream_watch import Backoff, Note, Watch, WatchedSubscription, noting
-from socialbot.bridge.transport import Transport, is_power_of_ten, is_sealed, log_refusal, message_class
+from socialbot.bridge.transport import Transport, is_power_of_ten, is_sealed, message_class
 from socialbot.core.errors import MessageError
 
 log = getLogger("socialbot.transport")
@@ -167,12 +166,6 @@ def verified_subscriptions(
         AdaptiveSubscription(ros, seal_topic(name), text_class, take_seal, raw=False, watch=matcher.opener.watch),
         AdaptiveSubscription(ros, name, ros_class, take_message, raw=True, depth=depth, watch=watch),
     ]
-
-
-def log_refusals(topic: str) -> Callable[[MessageError], None]:
-    """Return a function that logs refused messages of ``topic``."""
-    counts = itertools.count(1)
-    return lambda error: log_refusal(topic, next(counts), error)
 
 
 def publishers_of(ros: Any, name: str) -> list[Any]:

@@ -122,7 +122,6 @@ class _Message:
         return head(self._padded)
 
     def has(self, tag: Tag) -> bool:
-        """Whether a tag is that of the message."""
         return self.head == tag.head and tag.fits(self._padded)
 
 
@@ -137,7 +136,6 @@ class _WaitingSeal:
     signer: Ed25519PublicKey | None
 
     def fits(self, message: _Message) -> bool:
-        """Whether this is the seal of ``message``."""
         return message.digest == self.proof if isinstance(self.proof, str) else message.has(self.proof)
 
 

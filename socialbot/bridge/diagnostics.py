@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from socialbot.bridge.environment import steady_timer
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.stream_watch import Note, noting
 from socialbot.bridge.transport import Listener, deserialized, log_refusal, message_class, open_transport
@@ -295,9 +296,6 @@ class DiagnosticsReporter:
         state: Callable[[], str],
         health: Callable[[], Health | None],
     ) -> None:
-        from rclpy.clock import Clock
-        from rclpy.clock_type import ClockType
-
         self._ros = ros
         self._statistics = statistics
         self._connections = connections
@@ -309,7 +307,7 @@ class DiagnosticsReporter:
         self._counted_at, self._counts = time.monotonic(), self._count()
         self._rates: dict[str, float] = {}
         self._publisher = DiagnosticsPublisher(ros)
-        self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = steady_timer(ros, TICK_S, self._tick)
 
     def _tick(self) -> None:
         state = self._state()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from socialbot.bridge.environment import (
     DomainNumber,
     domain_number,
     ros_domain,
+    spin,
 )
 from socialbot.core.errors import ParameterError
 from socialbot.graph.ports import TOPIC_NAME
@@ -45,13 +46,11 @@ class DriverDomain:
         """Return the value of `DRIVERS_VARIABLE`."""
         return ":".join([str(self.domain), *sorted(self.topics)])
 
-    def publisher(self, ros: Any, topic: str, ros_class: Any, qos: Any) -> DriverPublisher:
-        """Make the publisher of commands beside that of the rclpy node ``ros``, with whose context it ends."""
-        driver = self.node(ros)
-        return DriverPublisher(driver, driver.ros.create_publisher(ros_class, topic, qos))
+    def node(self, ros: Any, *publisher: Any) -> DriverNode:
+        """Make a node in this domain beside the rclpy node ``ros``, with whose context it ends.
 
-    def node(self, ros: Any) -> DriverNode:
-        """Make a node in this domain beside the rclpy node ``ros``, with whose context it ends."""
+        ``publisher`` is the type, the topic and the quality of service of its publisher, if it has one.
+        """
         import rclpy
         from rclpy.context import Context
         from rclpy.signals import SignalHandlerOptions
@@ -67,7 +66,7 @@ class DriverDomain:
                 start_parameter_services=False,
                 enable_rosout=False,
             )
-        made = DriverNode(context, node)
+        made = DriverNode(context, node, node.create_publisher(*publisher) if publisher else None)
         ros.context.on_shutdown(made.close)
         return made
 
@@ -78,6 +77,7 @@ class DriverNode:
 
     context: Any
     ros: Any
+    publisher: Any = None
     _executor: Any = None
     _thread: threading.Thread | None = None
 
@@ -87,16 +87,8 @@ class DriverNode:
 
         self._executor = OneThreadExecutor(context=self.context)
         self._executor.add_node(self.ros)
-        self._thread = threading.Thread(target=self._spin, name=self.ros.get_name(), daemon=True)
+        self._thread = threading.Thread(target=spin, args=(self._executor,), name=self.ros.get_name(), daemon=True)
         self._thread.start()
-
-    def _spin(self) -> None:
-        from rclpy.executors import ExternalShutdownException
-
-        # Without a timeout an executor on a busy machine may never notice entities that were added as it began to spin.
-        with suppress(ExternalShutdownException):
-            while not self._executor._is_shutdown:
-                self._executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
 
     def call(self, callback: Callable[[], None]) -> None:
         """Run ``callback`` in the thread that spins the node, and wait for it for `CALL_S` at most."""
@@ -120,22 +112,6 @@ class DriverNode:
             self._thread.join(2 * SPIN_TIMEOUT_S)
         self.ros.destroy_node()
         self.context.try_shutdown()
-
-
-@dataclass(eq=False)
-class DriverPublisher:
-    """Publisher in the domain of the drivers."""
-
-    driver: DriverNode
-    publisher: Any
-
-    def publish(self, ros_message: Any) -> None:
-        """Publish a message, or a serialised one."""
-        self.publisher.publish(ros_message)
-
-    def close(self) -> None:
-        """Remove the publisher from the domain."""
-        self.driver.close()
 
 
 def driver_domain(environment: Mapping[str, str] = os.environ) -> DriverDomain | None:

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import msgspec
@@ -34,6 +34,7 @@ from socialbot.core.process import halt_thread, proc_stat, skip_cleanup
 if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
+    from rclpy.timer import Timer
 
     from socialbot.bridge.wait_sets import OneThreadExecutor
 
@@ -423,13 +424,11 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
         _threads_of[node] = _threads() - others
         executor = OneThreadExecutor(context=context)
         executor.add_node(node)
-        ended = threading.Event()
-        thread = threading.Thread(target=_spin, args=(executor, ended), name=name, daemon=True)
+        thread = threading.Thread(target=spin, args=(executor,), name=name, daemon=True)
         thread.start()
         try:
             yield node
         finally:
-            ended.set()
             executor.shutdown()
             thread.join(BLOCKED_S if node in _threads_of else 0.0)
             if thread.is_alive():
@@ -490,15 +489,22 @@ def _note_blocked(node: str) -> None:
     skip_cleanup()
 
 
-def _spin(executor: OneThreadExecutor, ended: threading.Event) -> None:
+def spin(executor: OneThreadExecutor) -> None:
+    """Spin an executor until it is shut down."""
     from rclpy.executors import ExternalShutdownException
 
     # Without a timeout an executor on a busy machine may never notice entities that were added as it began to spin.
-    try:
-        while not ended.is_set():
+    with contextlib.suppress(ExternalShutdownException):
+        while not executor._is_shutdown:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT_S)
-    except ExternalShutdownException:
-        return
+
+
+def steady_timer(ros: Node, period_s: float, callback: Callable[[], None], **options: Any) -> Timer:
+    """Create a timer of an rclpy node that goes on in the same pace when the system time is set."""
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
+
+    return ros.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
 
 
 def split_ros_args(arguments: Iterable[str]) -> tuple[list[str], list[str]]:

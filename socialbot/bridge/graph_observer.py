@@ -20,7 +20,7 @@ from socialbot.bridge.diagnostics import (
     unconnected,
 )
 from socialbot.bridge.discovery import readable
-from socialbot.bridge.environment import BLOCKED_S, free_domain, ros_domain, spinning_node, wait_for
+from socialbot.bridge.environment import BLOCKED_S, free_domain, ros_domain, spinning_node, steady_timer, wait_for
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.run_announcer import locked_runs
 from socialbot.bridge.transport import Subscription, open_transport
@@ -54,13 +54,10 @@ class SpinWatch:
     """Watch over the thread that spins the rclpy node ``ros``, which one false RTPS packet can block without end."""
 
     def __init__(self, ros: Any, clock: Callable[[], float] = time.monotonic) -> None:
-        from rclpy.clock import Clock
-        from rclpy.clock_type import ClockType
-
         self._clock = clock
         self._checked = clock()
         self._silent_s = 0.0
-        self._timer = ros.create_timer(SPIN_PERIOD_S, self._spins, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = steady_timer(ros, SPIN_PERIOD_S, self._spins)
 
     def is_blocked(self) -> bool:
         """Whether the thread has not answered for `BLOCKED_S`. Call it often: of a longer pause, a second counts."""
@@ -76,16 +73,12 @@ class LostWatch:
     """Watch over ``observer``: how many publishers of ``graph`` it has ``lost``, by topic; see `Listener.lost`."""
 
     def __init__(self, observer: GraphObserver, graph: Graph) -> None:
-        from rclpy.clock import Clock
-        from rclpy.clock_type import ClockType
-
         self.lost: Mapping[str, int] = {}
         self._expected = [
             (topic, len(publishers(graph, topic)), each.listener) for topic, each in observer.subscriptions.items()
         ]
         self._expected.append((DIAGNOSTICS_TOPIC, len(graph.nodes), observer.diagnostics.listener))
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = observer.ros.create_timer(LOST_CHECK_S, self._check, clock=clock)
+        self._timer = steady_timer(observer.ros, LOST_CHECK_S, self._check)
 
     def _check(self) -> None:
         self.lost = {
@@ -104,7 +97,6 @@ class GraphObserver:
     diagnostics: DiagnosticsSubscriber
 
     def connections(self, graph: Graph, nodes: Collection[str] | None = None) -> list[Connection]:
-        """Connections of this observer to ``graph``, or to these ``nodes``."""
         return [subscription_connection(graph, topic, one.endpoint, nodes) for topic, one in self.subscriptions.items()]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.qos import subscription_qos
-from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport, refusal_reason
+from socialbot.bridge.transport import Listener, log_refusals, message_class, open_transport, refusal_reason
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (
@@ -120,7 +120,7 @@ class LiveImages:
         self._ros_class = message_class(ros_type(kind))
         self._transport = open_transport()
         self._subscription: Listener | None = None
-        self._refused = 0
+        self._refuse = log_refusals(topic)
         self._requested_at = 0.0
         self._converted_at = 0.0
         self._images: deque[Picture] = deque(maxlen=MAX_IMAGES)
@@ -145,10 +145,6 @@ class LiveImages:
         # An image for "now" may be newer than the last record.
         count = bisect_right([image.stamp for image in images], stamp + SECOND // 2)
         return images[count - 1] if count else None
-
-    def _refuse(self, error: MessageError) -> None:
-        self._refused += 1
-        log_refusal(self._topic, self._refused, error)
 
     def _take(self, data: bytes, _: Any) -> None:
         from rclpy.serialization import deserialize_message

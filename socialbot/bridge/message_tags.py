@@ -60,7 +60,6 @@ class Tag:
     nonce: bytes
 
     def fits(self, cdr: bytes) -> bool:
-        """Whether the tag is that of ``cdr``."""
         try:
             self.key.decrypt(self.nonce, self.value, cdr)
         except InvalidTag:

@@ -125,7 +125,6 @@ class ParameterClient(NodeClient):
     """Client of the parameter services of other nodes; made by `parameter_client`."""
 
     def describe(self, node: str) -> list[ParameterInfo]:
-        """The parameters of a node by name."""
         client = self._client(node)
         names = sorted(self._answer(client.list_parameters([], 0), node).result.names)
         return self._read(client, node, names)

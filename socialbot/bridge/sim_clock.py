@@ -19,14 +19,14 @@ from typing import Any, TypeVar
 import msgspec
 
 from socialbot.bridge.qos import observer_qos
-from socialbot.bridge.transport import Sender, Subscription, log_refusal, open_transport
+from socialbot.bridge.transport import Sender, Subscription, log_refusals, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.decoding import JsonDecoder, json_decoder
+from socialbot.core.decoding import from_json
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import NO_JSON, Structured
 from socialbot.graph.ports import Delivery
 
-T = TypeVar("T")
+T = TypeVar("T", bound="_ClockMessage")
 
 log = logging.getLogger("socialbot.sim_clock")
 
@@ -45,7 +45,20 @@ REPEAT_S = 0.25  # real time (s) after which time and round are published again,
 MAX_REPEAT_S = 2.0
 
 
-class Round(msgspec.Struct, frozen=True):
+class _ClockMessage(msgspec.Struct, frozen=True):
+    def encode(self) -> str:
+        return msgspec.json.encode(self).decode()
+
+    @classmethod
+    def decode(cls: type[T], text: str) -> T:
+        """Decode a message. Raises MessageError if it is invalid."""
+        try:
+            return from_json(text, cls)
+        except NO_JSON as error:
+            raise MessageError(f"not a valid message of a simulation clock: {error}") from error
+
+
+class Round(_ClockMessage, frozen=True):
     """Start of a round.
 
     Attributes:
@@ -59,16 +72,8 @@ class Round(msgspec.Struct, frozen=True):
     repeat: int
     arrived: Mapping[str, int]
 
-    def encode(self) -> str:
-        return msgspec.json.encode(self).decode()
 
-    @staticmethod
-    def decode(text: str) -> Round:
-        """Decode a message. Raises MessageError if it is invalid."""
-        return _decoded(_ROUND_DECODER, text)
-
-
-class StepReport(msgspec.Struct, frozen=True):
+class StepReport(_ClockMessage, frozen=True):
     """Report of a node that has no work left.
 
     Attributes:
@@ -92,25 +97,6 @@ class StepReport(msgspec.Struct, frozen=True):
     round: int
     repeat: int
     arrived: int
-
-    def encode(self) -> str:
-        return msgspec.json.encode(self).decode()
-
-    @staticmethod
-    def decode(text: str) -> StepReport:
-        """Decode a message. Raises MessageError if it is invalid."""
-        return _decoded(_REPORT_DECODER, text)
-
-
-_ROUND_DECODER = json_decoder(Round)
-_REPORT_DECODER = json_decoder(StepReport)
-
-
-def _decoded(decoder: JsonDecoder[T], text: str) -> T:
-    try:
-        return decoder.decode(text)
-    except NO_JSON as error:
-        raise MessageError(f"not a valid message of a simulation clock: {error}") from error
 
 
 class SimClock:
@@ -147,7 +133,7 @@ class SimClock:
         self._subscriptions = tuple(subscriptions)
         self._balance = MessageBalance()
         self._changed = threading.Condition()
-        self._refused = 0
+        self._refuse = log_refusals(KEPT_TOPIC)
         self._published = -1
         self._round, self._repeat = 0, 1
         self._arrived: dict[str, int] = {}  # messages of each node before the round
@@ -188,8 +174,7 @@ class SimClock:
                 return
             report = StepReport.decode(opened.data)
         except MessageError as error:
-            self._refused += 1
-            log_refusal(KEPT_TOPIC, self._refused, error)
+            self._refuse(error)
             return
         with self._changed:
             self._balance.note(report)

@@ -25,12 +25,11 @@ from socialbot.bridge import discovery, environment
 from socialbot.bridge.adaptive_subscriptions import (
     DEPTH,
     AdaptiveSubscription,
-    log_refusals,
     publishers_of,
     verified_subscriptions,
 )
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
-from socialbot.bridge.transport import is_installed, message_class, open_transport
+from socialbot.bridge.transport import is_installed, log_refusals, message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.decoding import from_builtins, from_json
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion

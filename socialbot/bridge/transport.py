@@ -25,6 +25,7 @@ from socialbot.bridge._endpoints import Listener, Receiver, Sender, Subscription
 from socialbot.bridge._endpoints import is_power_of_ten as is_power_of_ten
 from socialbot.bridge._endpoints import is_sealed as is_sealed
 from socialbot.bridge._endpoints import log_refusal as log_refusal
+from socialbot.bridge._endpoints import log_refusals as log_refusals
 from socialbot.bridge._endpoints import refusal_reason as refusal_reason
 from socialbot.bridge.driver_domain import DriverDomain, driver_domain
 from socialbot.bridge.environment import (
@@ -33,6 +34,7 @@ from socialbot.bridge.environment import (
     has_keys,
     ros_domain,
     ros_remedy,
+    steady_timer,
 )
 from socialbot.bridge.qos import QUEUE_DEPTH, SEALED_DEPTH, profile, publisher_qos, sealed_qos, subscription_qos
 from socialbot.bridge.stream_watch import BEACON_S, Backoff, Note, Watch, WatchedSubscription, noting, replace_faulty
@@ -230,7 +232,7 @@ class Transport:
         sender = self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
         self._schedule_renewal(ros)
         if standard and self._drivers is not None and publisher.topic_name in self._drivers.topics:
-            sender.drivers = self._drivers.publisher(ros, publisher.topic_name, ros_class, qos)
+            sender.drivers = self._drivers.node(ros, ros_class, publisher.topic_name, qos)
         return sender
 
     def sender(self, publisher: Any, *, latched: bool = False, standard: bool = False, seals: Any = None) -> Sender:
@@ -382,11 +384,7 @@ class Transport:
         """Call `renew` in the thread that spins ``ros``, once in its period."""
         if self._seal is None or ros in self._timers:
             return
-        from rclpy.clock import Clock
-        from rclpy.clock_type import ClockType
-
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timers[ros] = ros.create_timer(self.renewal_s, self.renew, clock=clock)
+        self._timers[ros] = steady_timer(ros, self.renewal_s, self.renew)
 
     def matcher(
         self,
