@@ -367,7 +367,6 @@ class Shell:
         self._think()
 
     def completions(self, text: str) -> list[str]:
-        """Return the completions of a word."""
         commands = [name[3:].replace("_", "-") for name in dir(self) if name.startswith("do_")]
         sign = text[: len(text) - len(text.lstrip("+-!?"))]
         known = {key.rpartition("/")[0] for key in self.engine.beliefs.relations}

@@ -153,7 +153,6 @@ def _pipelines(detectors: list[str], changes: list[str], *, tracking: bool) -> t
 
 
 def _exports(texts: list[str]) -> list[tuple[str, Path]]:
-    """Format and path of each export."""
     from socialbot.vision.metrics.exports import EXPORTS
 
     split = [text.partition("=") for text in texts]

@@ -124,7 +124,6 @@ def _names(text: str | None, known: object, count: int, where: str) -> tuple[str
 
 
 def _pair(found: Sweep, numbers: Sequence[str]) -> tuple[SweepCell, SweepCell] | None:
-    """The cells to compare."""
     if not numbers:
         return found.pair()
     cells = {str(cell.number): cell for cell in found.cells}

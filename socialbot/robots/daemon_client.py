@@ -123,7 +123,6 @@ class DaemonClient:
         self._json("POST", "/api/media/play_sound", {"file": name})
 
     def stop_sound(self) -> None:
-        """Stop the sound."""
         self._json("POST", "/api/media/stop_sound")
 
     def _json(self, method: str, path: str, content: Mapping[str, Any] | None = None) -> dict[str, Any]:

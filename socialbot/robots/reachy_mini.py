@@ -158,7 +158,6 @@ class GesturePlayer:
 
     @property
     def name(self) -> str:
-        """Name of the present gesture."""
         return self._gesture.name
 
     def play(self, name: str, now: float) -> None:
@@ -177,7 +176,6 @@ class GesturePlayer:
         self._start(gesture, now)
 
     def at(self, now: float) -> dict[str, float]:
-        """The offsets at ``now``."""
         if self._gesture is not self._lasting and self._gesture.is_over(now - self._begin):
             self._start(self._lasting, now)
         return self._offsets(now)

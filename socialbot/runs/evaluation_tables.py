@@ -396,13 +396,11 @@ def markdown(evaluation: Evaluation) -> str:
     tables = [table for table in paper_tables(evaluation) if table.rows]
     tables += [detector_table(evaluation, name, intervals=True) for name in evaluation.detectors]
     tables += [] if evaluation.plan.rules.presence else [causes_table(evaluation)]
-    further = (
-        coco_table(evaluation),
-        tracking_table(evaluation),
-        distance_table(evaluation),
-        behaviour_table(evaluation),
-    )
-    tables += [table for table in further if table.rows]
+    tables += [
+        table
+        for make in (coco_table, tracking_table, distance_table, behaviour_table)
+        if (table := make(evaluation)).rows
+    ]
     parts = [part for table in tables for part in (f"**{table.title}**", _markdown(table))]
     speeds = [f"- {name}: {result.speed}" for name, result in evaluation.detectors.items() if result.speed is not None]
     return "\n\n".join([*parts, *(["\n".join(speeds)] if speeds else [])]) + "\n"

@@ -34,7 +34,6 @@ class Wording:
     phrases: Phrases = field(default_factory=dict)
 
     def name(self, agent: str) -> str:
-        """Return the display name of an agent."""
         return self.names.get(agent, agent)
 
     def step(self, record: TraceRecord) -> str:

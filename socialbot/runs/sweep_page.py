@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from string import ascii_uppercase
 
@@ -125,9 +126,7 @@ def _heat_cell(sweep: Sweep, cell: SweepCell | None, letters: dict[int, str], ki
 
 def is_grid(sweep: Sweep) -> bool:
     """Whether most combinations of the values were run, as in a grid."""
-    size = 1
-    for number in sweep.varied:
-        size *= len({cell.values[number] for cell in sweep.cells})
+    size = math.prod(len({cell.values[number] for cell in sweep.cells}) for number in sweep.varied)
     return bool(sweep.varied) and len(sweep.cells) * 2 >= size
 
 
@@ -172,16 +171,10 @@ def pareto_chart(sweep: Sweep, objectives: Sequence[str]) -> Chart | None:
         for name, points in groups.items()
         if points
     ]
-    return (
-        Chart(
-            f"{objectives[1]} over {objectives[0]}",
-            series,
-            x_label=MEASURES[objectives[0]],
-            y_label=MEASURES[objectives[1]],
-        )
-        if series
-        else None
-    )
+    if not series:
+        return None
+    across, up = objectives
+    return Chart(f"{up} over {across}", series, x_label=MEASURES[across], y_label=MEASURES[up])
 
 
 def front_table(sweep: Sweep, objectives: Sequence[str]) -> Table:

@@ -332,7 +332,6 @@ class RestartBackoff:
         self._pause_s = 0.0
 
     def started(self, now: float) -> None:
-        """Note a start."""
         self._started = now
 
     def crashed(self, now: float) -> float | None:

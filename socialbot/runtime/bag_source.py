@@ -199,7 +199,6 @@ class BagSource(RunSource):
         self._perception = perception.state
 
     def _feed(self, execution: Execution, messages: Iterator[tuple[str, Message]], graph: Graph) -> None:
-        """Run ``graph`` on messages of the bag."""
         first = self._first(messages)
         topics = observed_topics(execution.graph)
         with execution.inline(topics, first[1].stamp, self._recorded, graph) as runner:

@@ -261,7 +261,6 @@ class SimulatedPlace(Node):
 
     @cached_property
     def scene(self) -> Scene:
-        """The place in 3-D."""
         size = self.width, self.height
         return Scene(self.crowd.place, self._figures, size=size, hfov_rad=self.hfov_rad, shadows=self.shadows)
 

@@ -39,7 +39,6 @@ class HeadCamera:
 
     @property
     def focal_px(self) -> float:
-        """Focal length, px."""
         return self.width / 2 / math.tan(self.hfov_rad / 2)
 
     def seen(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -248,7 +248,6 @@ def _with_verb(main: Sequence[str], end: Sequence[str], language: Language) -> t
 
 
 def _without(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> list[str]:
-    """Return words without those of phrases."""
     taken = {place + n for phrase in phrases for place in starts(phrase, words) for n in range(len(phrase))}
     return [word for place, word in enumerate(words) if place not in taken]
 

@@ -195,7 +195,6 @@ class Speech:
     # Deeds
 
     def did(self, record: TraceRecord, topic: Topic | None, *, at: bool = True) -> Clause:
-        """Return the clause of a deed."""
         facts = self.facts
         persons, agent = facts.concerned(record), record_agent(facts.history, record)
         declared = None

@@ -306,7 +306,6 @@ class Subjects:
 
     @cached_property
     def belief_names(self) -> tuple[str, ...]:
-        """Names of all beliefs."""
         names = (each.what.partition("(")[0] for each in self.history if each.kind == "belief")
         return tuple(dict.fromkeys(names))
 

@@ -15,34 +15,10 @@ EXTREMES = ("longest", "shortest", "nearest", "farthest")
 COMPARED = {"longer": "longest", "shorter": "shortest", "nearer": "nearest", "farther": "farthest"}
 """Classes of words that compare named visitors, with the extreme that decides."""
 _ONLY_EXACT = {
-    "fail",
-    "outcome",
-    "wish",
-    "unanswerable",
-    "not",
-    "past",
-    "present",
-    "future",
-    "filler",
-    "place",
-    "you",
-    "me",
-    "them",
-    "seconds",
-    "minutes",
-    "at",
-    "time",
-    "last",
-    "first",
-    "all",
-    "where",
-    "how_far",
-    "how_long",
-    *EXTREMES,
-    *COMPARED,
-    "metres",
-    "same time",
-}
+    "fail", "outcome", "wish", "unanswerable", "not", "past", "present", "future", "filler", "place", "you", "me",
+    "them", "seconds", "minutes", "at", "time", "last", "first", "all", "where", "how_far", "how_long", "metres",
+    "same time", *EXTREMES, *COMPARED,
+}  # fmt: skip
 _IMPERATIVES = {"name", "list", "count", "explain"}
 _ASKING = {"can", "could", "would", "will"}
 """Auxiliaries in front of an imperative: ``Can you name the visitors?``."""

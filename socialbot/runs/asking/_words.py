@@ -218,7 +218,6 @@ def corrected(word: str, known: Set[str], names: Set[str], asking: Set[str] = fr
 
 
 def _swapped(word: str) -> set[str]:
-    """Return the word with each two neighbouring letters swapped."""
     return {word[:n] + word[n + 1] + word[n] + word[n + 2 :] for n in range(len(word) - 1)}
 
 

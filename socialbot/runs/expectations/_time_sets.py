@@ -76,7 +76,6 @@ class TimeSet:
         return self.intervals[first : bisect_right(self.intervals, end, key=itemgetter(0))]
 
     def clipped(self, begin: int, end: int) -> TimeSet:
-        """Return the moments from ``begin`` to ``end``."""
         return TimeSet(tuple((max(begin, first), min(end, last)) for first, last in self.within(begin, end)))
 
     def earlier(self, least: int, most: int | None, last: int) -> TimeSet:

@@ -127,7 +127,6 @@ class TemporalFormula:
         return ()
 
     def atoms(self) -> Iterator[AtomicFormula]:
-        """Yield the atoms of this formula."""
         for part in self.parts:
             yield from part.atoms()
 

@@ -72,7 +72,6 @@ class Language:
 
     @cached_property
     def known_words(self) -> frozenset[str]:
-        """Words of all classes."""
         return frozenset(word for alternatives in self.phrases.values() for phrase in alternatives for word in phrase)
 
     def first_words(self, *classes: str) -> set[str]:

@@ -201,7 +201,6 @@ def _paragraphs() -> Sequence[Paragraph]:
 
 
 def _forms(written: str, language: str, section: str) -> Iterator[Phrase]:
-    """Yield the forms of a phrase of the lexicon."""
     phrase = tuple(tokens(written))
     if language == _ENGLISH:
         yield tuple(map(stem, phrase))
