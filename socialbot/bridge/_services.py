@@ -30,9 +30,8 @@ from socialbot.bridge._service_clients import (
     in_executor,
 )
 from socialbot.bridge.driver_domain import DriverNode
-from socialbot.bridge.environment import KEYS_VARIABLE, reach, steady_timer
+from socialbot.bridge.environment import KEYS_VARIABLE, executor_of, reach, steady_timer
 from socialbot.bridge.transport import Transport, is_power_of_ten, message_class
-from socialbot.bridge.wait_sets import OneThreadExecutor
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome
 from socialbot.graph.node import NodeConfig
@@ -150,17 +149,15 @@ class HostedServices:
         """Wait a moment until the servers have got what `cancel_goals` asks; the executor of the node has ended."""
         if not any(channel.is_cancelling for channel in self._channels.values()):
             return
-        executor = OneThreadExecutor(context=self._ros.context)
-        executor.add_node(self._ros)
         asked = time.monotonic()
         end = asked + CANCEL_SENT_S
-        while any(channel.is_cancelling for channel in self._channels.values()) and time.monotonic() < end:
-            executor.spin_once(timeout_sec=CHECK_PERIOD_S)
-            if time.monotonic() - asked > CHECK_PERIOD_S:
-                # The server may have got the goal only after it was asked to cancel it, and answers can be lost.
-                self.cancel_goals()
-                asked = time.monotonic()
-        executor.shutdown()
+        with executor_of(self._ros) as executor:
+            while any(channel.is_cancelling for channel in self._channels.values()) and time.monotonic() < end:
+                executor.spin_once(timeout_sec=CHECK_PERIOD_S)
+                if time.monotonic() - asked > CHECK_PERIOD_S:
+                    # The server may have got the goal only after it was asked to cancel it, and answers can be lost.
+                    self.cancel_goals()
+                    asked = time.monotonic()
 
     def close(self) -> None:
         """Destroy the clients and servers."""

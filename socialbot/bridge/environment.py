@@ -489,6 +489,19 @@ def _note_blocked(node: str) -> None:
     skip_cleanup()
 
 
+@contextmanager
+def executor_of(node: Node) -> Iterator[OneThreadExecutor]:
+    """Open an executor of an rclpy node, for the block to spin."""
+    from socialbot.bridge.wait_sets import OneThreadExecutor
+
+    executor = OneThreadExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        yield executor
+    finally:
+        executor.shutdown()
+
+
 def spin(executor: OneThreadExecutor) -> None:
     """Spin an executor until it is shut down."""
     from rclpy.executors import ExternalShutdownException

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -13,19 +13,20 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from socialbot.bridge.discovery import readable
-from socialbot.bridge.environment import has_keys, ros_domain
-from socialbot.bridge.topics import observer_node
+from socialbot.bridge.environment import executor_of, has_keys, ros_domain
+from socialbot.bridge.topics import observer_node, settled
 from socialbot.core.errors import GraphError, NodeError, ParameterError, suggestion
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.ports import TOPIC_NAME
 
 T = TypeVar("T")
+C = TypeVar("C", bound="NodeClient")
 
 SETTLE_S = 1.0  # time without news of nodes, after which their list is complete
 
 
 class NodeClient:
-    """Client of other nodes through the rclpy node ``ros``; made from `observer`.
+    """Client of other nodes through the rclpy node ``ros``; made by `_client`.
 
     Its methods wait ``timeout_s`` at most for a node and for each answer. They raise GraphError for an unknown node,
     and NodeError for one without an answer.
@@ -42,15 +43,10 @@ class NodeClient:
 
     def _settled(self, look: Callable[[], T], is_complete: Callable[[T], bool]) -> T:
         """What ``look`` finds once it changes no more and ``is_complete``, or when the time is over."""
-        found = look()
-        since = time.monotonic()
-        end = since + max(self._timeout_s, SETTLE_S)
-        while time.monotonic() < (min(since + SETTLE_S, end) if is_complete(found) else end):
-            self._executor.spin_once(timeout_sec=0.05)
-            before, found = found, look()
-            if found != before:
-                since = time.monotonic()
-        return found
+        return settled(look, is_complete, SETTLE_S, max(self._timeout_s, SETTLE_S), pause=self._spin)
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=0.05)
 
     def _nodes(self) -> list[str]:
         pairs = readable(self._ros.get_node_names_and_namespaces)
@@ -80,7 +76,7 @@ class NodeClient:
     def _spin_until(self, holds: Callable[[], bool]) -> bool:
         end = time.monotonic() + self._timeout_s
         while not (held := holds()) and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
+            self._spin()
         return held
 
 
@@ -94,17 +90,10 @@ def full_name(node: str) -> str:
 
 
 @contextmanager
-def observer(name: str) -> Iterator[tuple[Any, Any]]:
-    """Open a hidden rclpy node ``name`` and its executor. Raises InstallationError without ROS."""
-    with observer_node(name) as ros:
-        from socialbot.bridge.wait_sets import OneThreadExecutor
-
-        executor = OneThreadExecutor(context=ros.context)
-        executor.add_node(ros)
-        try:
-            yield ros, executor
-        finally:
-            executor.shutdown()
+def _client(kind: type[C], name: str, timeout_s: float) -> Iterator[C]:
+    """Open a client through a hidden rclpy node ``name``. Raises InstallationError without ROS."""
+    with observer_node(name) as ros, executor_of(ros) as executor:
+        yield kind(ros, executor, timeout_s)
 
 
 Value = Any
@@ -178,11 +167,9 @@ class ParameterClient(NodeClient):
         ]
 
 
-@contextmanager
-def parameter_client(*, timeout_s: float = 5.0) -> Iterator[ParameterClient]:
+def parameter_client(*, timeout_s: float = 5.0) -> AbstractContextManager[ParameterClient]:
     """Open a client for the parameters of running nodes. Raises InstallationError without ROS."""
-    with observer("_param") as (ros, executor):
-        yield ParameterClient(ros, executor, timeout_s)
+    return _client(ParameterClient, "_param", timeout_s)
 
 
 def set_parameter(node: str, name: str, value: Value) -> Value:
@@ -293,8 +280,6 @@ class LifecycleClient(NodeClient):
             self._ros.destroy_client(client)
 
 
-@contextmanager
-def lifecycle_client(*, timeout_s: float = 5.0) -> Iterator[LifecycleClient]:
+def lifecycle_client(*, timeout_s: float = 5.0) -> AbstractContextManager[LifecycleClient]:
     """Open a client for the lifecycle of running nodes. Raises InstallationError without ROS."""
-    with observer("_lifecycle") as (ros, executor):
-        yield LifecycleClient(ros, executor, timeout_s)
+    return _client(LifecycleClient, "_lifecycle", timeout_s)

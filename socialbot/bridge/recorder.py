@@ -68,26 +68,23 @@ def record(
         InstallationError: ROS is not installed.
     """
     environment.require_ros()
-    from socialbot.bridge.wait_sets import OneThreadExecutor
-
-    with BagWriter(out, storage=storage) as bag, observer_node("bag_recorder") as node:
-        executor = OneThreadExecutor(context=node.context)
-        executor.add_node(node)
+    with (
+        BagWriter(out, storage=storage) as bag,
+        observer_node("bag_recorder") as node,
+        environment.executor_of(node) as executor,
+    ):
         recorder = _TopicRecorder(node, bag, topics, clock or WallClock())
         began = time.monotonic()
         scanned = flushed = -math.inf
-        try:
-            while not stopped() and (duration_s is None or time.monotonic() - began < duration_s):
-                if time.monotonic() - scanned >= DISCOVERY_PERIOD_S:
-                    scanned = time.monotonic()
-                    recorder.subscribe_new()
-                if time.monotonic() - flushed >= FLUSH_PERIOD_S:
-                    flushed = time.monotonic()
-                    bag.flush()
-                executor.spin_once(timeout_sec=_SPIN_S)
-            _take_received(executor)
-        finally:
-            executor.shutdown()
+        while not stopped() and (duration_s is None or time.monotonic() - began < duration_s):
+            if time.monotonic() - scanned >= DISCOVERY_PERIOD_S:
+                scanned = time.monotonic()
+                recorder.subscribe_new()
+            if time.monotonic() - flushed >= FLUSH_PERIOD_S:
+                flushed = time.monotonic()
+                bag.flush()
+            executor.spin_once(timeout_sec=_SPIN_S)
+        _take_received(executor)
         recorder.close()
         return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
 

@@ -163,19 +163,28 @@ def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
 def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, ...]:
     """List the topics once they are stable for ``QUIET_S``, or after ``SETTLE_TIMEOUT_S``."""
     # An empty list may mean that discovery has not finished.
-    return _settled(lambda: list_topics(ros), bool, QUIET_S, SETTLE_TIMEOUT_S, ended)
+    return settled(lambda: list_topics(ros), bool, QUIET_S, SETTLE_TIMEOUT_S, ended)
 
 
-def _settled(
-    get: Callable[[], T], is_complete: Callable[[T], bool], steady_s: float, timeout_s: float, ended: Ended
+def settled(
+    get: Callable[[], T],
+    is_complete: Callable[[T], bool],
+    steady_s: float,
+    timeout_s: float,
+    ended: Ended = lambda: False,
+    pause: Callable[[], None] = lambda: time.sleep(POLL_S),
 ) -> T:
-    """Poll ``get`` until its value is complete and has not changed for ``steady_s``; return the last value."""
+    """Poll ``get``, with a ``pause`` between, until its value is complete and has not changed for ``steady_s``.
+
+    Returns:
+        The last value, also after ``timeout_s`` or when ``ended``.
+    """
     begun = steady_since = time.monotonic()
     value = get()
     while time.monotonic() - begun < timeout_s and not ended():
         if is_complete(value) and time.monotonic() - steady_since >= steady_s:
             break
-        time.sleep(POLL_S)
+        pause()
         before, value = value, get()
         if value != before or not is_complete(value):
             steady_since = time.monotonic()
@@ -222,18 +231,12 @@ def _arrivals(
     ros: Any, subscriptions: Sequence[AdaptiveSubscription], arrived: deque[T], ended: Ended
 ) -> Generator[T | None, None, None]:
     """Spin ``ros``, and yield what its subscriptions put into ``arrived``, or None after ``POLL_S``."""
-    from socialbot.bridge.wait_sets import OneThreadExecutor
-
-    executor = OneThreadExecutor(context=ros.context)
-    executor.add_node(ros)
-    try:
+    with environment.executor_of(ros) as executor:
         while not ended():
             for each in subscriptions:
                 each.adapt()
             executor.spin_once(timeout_sec=POLL_S)
             yield arrived.popleft() if arrived else None
-    finally:
-        executor.shutdown()
 
 
 def merged_messages(
@@ -422,7 +425,7 @@ def publish_once(
         known = [each for each in discovery.subscriptions(ros, name) if each.topic_type == ros_type(kind, form)]
         return connected >= len(known)
 
-    if not _settled(publisher.get_subscription_count, is_complete, STEADY_S, CONNECT_TIMEOUT_S, ended):
+    if not settled(publisher.get_subscription_count, is_complete, STEADY_S, CONNECT_TIMEOUT_S, ended):
         raise _no_subscriber(ros, name, ros_type(kind))
     sender.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT_S)):
