@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 
 import socialbot
 from socialbot.cli.main import command
+from socialbot.graph.files import node_type
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -100,6 +101,14 @@ def test_headings_and_tables_begin_after_an_empty_line(page: Path):
     begun = [line for before, line in pairwise(lines) if before and re.match(r"#+ ", line)]
     begun += [line for before, line in pairwise(lines) if before and before[0] != "|" and line.startswith("|")]
     assert begun == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_section_and_no_paragraph_is_on_a_page_twice(page: Path):
+    text = FENCE.sub("", text_of(page))
+    parts = re.findall(r"^#.+", text, re.MULTILINE)
+    parts += [part for part in re.split(r"\n\s*\n|\n(?=- )", text) if len(part.split()) > 12 and part[0] != " "]
+    assert sorted({part for part in parts if parts.count(part) > 1}) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -205,6 +214,59 @@ def test_every_option_is_explained_on_the_page_of_commands():
     text = text_of(ROOT / "docs" / "cli.md")
     assert unnamed_options(text) == []
     assert unnamed_options(text.replace("`--template NAME`", "")) == ["new --template"]
+
+
+def rows(text: str, *heads: str) -> Iterator[list[str]]:
+    """The cells of the columns ``heads`` in the tables that have them all; code stands without its quotes."""
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        head, _, *body = ([cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in table.splitlines())
+        if set(heads) <= set(head):
+            yield from ([row[head.index(name)] for name in heads] for row in body)
+
+
+def is_default(told: str, default: object) -> bool:
+    """Whether a page tells the default of an option or a parameter as it is."""
+    if isinstance(default, bool):
+        return told in (("on", "true", "`true`") if default else ("off", "false", "`false`"))
+    if isinstance(default, (int, float)):
+        return re.fullmatch(r"-?[\d.]+", told) is not None and float(told) == default
+    return told.strip("`") == str(default)
+
+
+def stated(names: str, defaults: str) -> Iterator[tuple[str, str]]:
+    """The names in a cell with their defaults in another, where these are single words."""
+    found, told = re.findall(r"`(--[a-z-]+|[a-z]\w+)[ `]", names), defaults.split(", ")
+    if len(found) == len(told):
+        yield from ((name, value) for name, value in zip(found, told, strict=True) if value and " " not in value)
+
+
+def test_the_defaults_on_the_page_of_commands_are_those_of_the_options():
+    compared, wrong = 0, []
+    text = text_of(ROOT / "docs" / "cli.md")
+    for path, found in leaves(command()):
+        options = {name: each for each in found.params for name in each.opts}
+        for head in (f"option of `{' '.join(path)}`", "option"):
+            for names, defaults in rows(section(text, path[0]), head, "default"):
+                for name, told in stated(names, defaults):
+                    if name in options and options[name].default is not None:
+                        compared += 1
+                        wrong += [] if is_default(told, options[name].default) else [f"{' '.join(path)} {name}: {told}"]
+    assert compared > 25
+    assert wrong == []
+
+
+def test_the_defaults_of_parameters_are_those_of_the_nodes():
+    compared, wrong = 0, []
+    types = {"the coordinator": "hospital_coordinator", "the world": "hospital_world"}
+    for page in PAGES:
+        for kind in re.findall(r"^\| parameter of (`\w+`|the \w+) \| default", text_of(page), re.MULTILINE):
+            declared = node_type(types.get(kind, kind.strip("`"))).parameters()
+            for names, defaults in rows(text_of(page), f"parameter of {kind}", "default"):
+                for name, told in stated(names, defaults):
+                    compared += 1
+                    wrong += [] if is_default(told, declared[name].default) else [f"{name_of(page)}: {name} {told}"]
+    assert compared > 25
+    assert wrong == []
 
 
 def test_commands_are_found_in_the_docs():
