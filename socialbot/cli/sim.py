@@ -22,7 +22,9 @@ def _place(
     place: Annotated[Literal["corridor", "foyer", "office"], typer.Argument(help="Place.")] = "foyer",
     visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
-    duration: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Time limit, s.")] = 60.0,
+    duration: Annotated[
+        float | None, typer.Option(min=1.0, metavar="SECONDS", help="Simulated time; default: 60, or that of the script.")
+    ] = None,
     script: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What people do (YAML), instead of a random schedule.")
     ] = None,
@@ -55,7 +57,7 @@ def _place(
         script=script,
         people=visitors,
         seed=seed,
-        duration_s=duration,
+        duration_s=(60.0 if script is None else 0.0) if duration is None else duration,
         width=width,
         height=height,
         rate_hz=fps,
