@@ -260,7 +260,7 @@ def test_the_defaults_of_parameters_are_those_of_the_nodes():
     types = {"the coordinator": "hospital_coordinator", "the world": "hospital_world"}
     for page in PAGES:
         for kind in re.findall(r"^\| parameter of (`\w+`|the \w+) \| default", text_of(page), re.MULTILINE):
-            declared = node_type(types.get(kind, kind.strip("`"))).parameters()
+            declared = node_type(types.get(kind) or kind.strip("`")).parameters()
             for names, defaults in rows(text_of(page), f"parameter of {kind}", "default"):
                 for name, told in stated(names, defaults):
                     compared += 1

@@ -23,7 +23,8 @@ def _place(
     visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
     duration: Annotated[
-        float | None, typer.Option(min=1.0, metavar="SECONDS", help="Simulated time; default: 60, or that of the script.")
+        float | None,
+        typer.Option(min=1.0, metavar="SECONDS", help="Simulated time; default: 60, or that of the script."),
     ] = None,
     script: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What people do (YAML), instead of a random schedule.")
