@@ -12,7 +12,6 @@
             )
             return engine
 """
-# ruff: noqa: N801 - beliefs and actions have the names of the rules that use them
 
 from __future__ import annotations
 

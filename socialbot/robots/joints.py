@@ -13,7 +13,6 @@
 
     # in the graph: parameters: {limits: "shoulder -0.2 1.5 0.8, elbow 0 1.2 1.0"}
 """
-# ruff: noqa: N801 - actions and beliefs have the names of the rules that use them
 
 from __future__ import annotations
 

@@ -18,7 +18,6 @@
         def on_detections(self, message: PersonDetections) -> None:
             self.note_people(message)
 """
-# ruff: noqa: N801 - actions have the names of the rules that use them
 
 from __future__ import annotations
 

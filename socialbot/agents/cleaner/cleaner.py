@@ -30,19 +30,19 @@ class Chore(PlanAction):
         return (self.engine.clock.now() - self.begun) / SECOND / self.lasts_s
 
 
-class movetoward(Chore):  # noqa: N801 - the name in the domain
+class movetoward(Chore):
     """Go to another place."""
 
 
-class doclean(Chore):  # noqa: N801
+class doclean(Chore):
     """Clean the current room."""
 
 
-class recharge(Chore):  # noqa: N801
+class recharge(Chore):
     """Charge the battery at the dock."""
 
 
-class do_nothing(Chore):  # noqa: N801
+class do_nothing(Chore):
     """Do nothing."""
 
 
@@ -78,7 +78,7 @@ SWEEP_PRIORITY, SWEEP_DEADLINE_S = 0.6, 20.0
 PATIENCE_S = 60.0  # time limit for the sweeper
 
 
-class asksweeping(PlanAction):  # noqa: N801 - the name in the domain
+class asksweeping(PlanAction):
     """Ask the sweeper to sweep a room, and wait for it."""
 
     rate_hz = 1.0
@@ -110,7 +110,7 @@ class asksweeping(PlanAction):  # noqa: N801 - the name in the domain
         self.stopped()
 
 
-class dosweep(Chore):  # noqa: N801
+class dosweep(Chore):
     """Sweep the current room."""
 
     lasts_s = 6.0

@@ -3,7 +3,6 @@
 Beliefs name people by their id. The plans of `conversation_rules` handle turns, repair and waiting people; the plans of
 the agent achieve `Respond`, and use `Answer`, `Ask`, `Confirm` and `Converse`.
 """
-# ruff: noqa: N801 - beliefs and actions have names of one style in all agents
 
 from __future__ import annotations
 

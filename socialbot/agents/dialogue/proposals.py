@@ -64,11 +64,11 @@ class Refused(Exception):  # noqa: N818 - a result of a check, not an error
     """A proposal did not pass a check."""
 
 
-class proposed(Belief):  # noqa: N801 - written like a belief of a rule
+class proposed(Belief):
     """The model proposed plans that passed the checks; the argument is the id of the record."""
 
 
-class adopt(Action):  # noqa: N801 - reads as a step of a plan
+class adopt(Action):
     """Add proposed plans to the plans of the agent, whose robot has `Proposals` as ``proposals``."""
 
     def execute(self, record: str) -> None:

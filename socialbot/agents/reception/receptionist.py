@@ -13,7 +13,7 @@ from socialbot.core import paths
 from socialbot.graph.ports import Input, Output, Parameter
 
 
-class lost(Belief):  # noqa: N801 - beliefs have lower-case names
+class lost(Belief):
     """This person has asked for a room that is not in the building."""
 
 
@@ -25,7 +25,7 @@ class Fetch(Goal):
     """Call a colleague for a person, and say whether the colleague comes."""
 
 
-class call(LongAction):  # noqa: N801 - actions have lower-case names
+class call(LongAction):
     """Call a colleague; achieved if the colleague comes."""
 
     def start(self, colleague: str) -> None:

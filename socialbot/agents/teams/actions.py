@@ -81,7 +81,7 @@ class WorldAction(LongAction):
         engine.call(lambda: engine.interpreter.raise_event(Event(Change.ADDED, event), self.id))
 
 
-class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
+class again(WorldAction):
     """Repeat an action of the mission: ``again(a_open_door(spotrobot1, room1))``."""
 
     def start(self, *args: Any) -> None:
@@ -89,7 +89,7 @@ class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
         self.begin(action.functor, action.args)
 
 
-class by_myself(again):  # noqa: N801
+class by_myself(again):
     """Execute an action that is no part of the plan. Its failure is a problem for the coordinator."""
 
     own = True
@@ -99,14 +99,14 @@ class by_myself(again):  # noqa: N801
         self.node.report_problem(self.action, self.arguments, reason)
 
 
-class problem(Action):  # noqa: N801
+class problem(Action):
     """Report a problem to the coordinator: ``problem(Action, Reason)``."""
 
     def execute(self, action: Literal, reason: str) -> None:
         self.engine.robot.report_problem(action.functor, names_of(action.args), str(reason))
 
 
-class end(Action):  # noqa: N801
+class end(Action):
     """Report the end of the part of this agent to the coordinator."""
 
     def execute(self) -> None:

@@ -1,5 +1,4 @@
 """Talking Waldo: hears what people say, and answers."""
-# ruff: noqa: N801 - beliefs, goals and actions have the names of the paper
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 The module follows the six steps of Algorithm 1 in the paper, with its names of beliefs, desires and intentions.
 """
-# ruff: noqa: N801 - beliefs, goals and actions have the names of the paper
 
 from __future__ import annotations
 

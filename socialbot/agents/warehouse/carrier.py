@@ -70,11 +70,11 @@ class MoveAction(PlanAction):
         return 1.0 if status.current_name == target else min(status.progress, 0.99)
 
 
-class carrier_move(MoveAction):  # noqa: N801 - the name in the domain
+class carrier_move(MoveAction):
     """Move to the bay or to the deposit."""
 
 
-class carrier_unload(PlanAction):  # noqa: N801
+class carrier_unload(PlanAction):
     """Put all boxes into the deposit."""
 
     def begin(self, carrier: str, deposit: str) -> None:

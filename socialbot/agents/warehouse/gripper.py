@@ -135,7 +135,7 @@ TOO_LONG = 0.899  # progress at which the wait for a carrier fails
 UP_M = HIGH_M - 0.1
 
 
-class gripper_move(MoveAction):  # noqa: N801 - the name in the domain
+class gripper_move(MoveAction):
     """Move the crane to another stack or bay."""
 
 
@@ -184,7 +184,7 @@ class PhasedAction(PlanAction):
         self.stopped()
 
 
-class gripper_pickup(PhasedAction):  # noqa: N801
+class gripper_pickup(PhasedAction):
     """Pick up the top box of a stack."""
 
     def plan(self) -> tuple[Phase, ...]:
@@ -192,14 +192,14 @@ class gripper_pickup(PhasedAction):  # noqa: N801
         return (*first, self.lower, self.close, self.lift)
 
 
-class gripper_putdown(PhasedAction):  # noqa: N801
+class gripper_putdown(PhasedAction):
     """Put the box down on a stack."""
 
     def plan(self) -> tuple[Phase, ...]:
         return (self.lower, self.open, self.lift)
 
 
-class gripper_put_on_carrier(PhasedAction):  # noqa: N801
+class gripper_put_on_carrier(PhasedAction):
     """Put the box on a carrier, in the first or second slot, and inform the carrier.
 
     The action starts when the carrier knows that it is being loaded, and so stays.
@@ -237,7 +237,7 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         return asked.accepted
 
 
-class req_carrier_to_come(PlanAction):  # noqa: N801
+class req_carrier_to_come(PlanAction):
     """Request a carrier to come to its bay, and wait for it."""
 
     rate_hz = 1.0
@@ -271,7 +271,7 @@ class req_carrier_to_come(PlanAction):  # noqa: N801
         self.stopped()
 
 
-class carrier_unloading(PlanAction):  # noqa: N801
+class carrier_unloading(PlanAction):
     """Wait until a full carrier has unloaded; it leaves by itself."""
 
     rate_hz = 1.0
