@@ -42,6 +42,7 @@ from socialbot.runs.standard_messages import (
 )
 
 log = logging.getLogger("socialbot.translator")
+NOT_FOUND = "it is not installed, or its libraries are not found; docs/ros-installation.md says how to install it"
 
 TF, TF_STATIC, JOINTS = "/tf", "/tf_static", "/joint_states"
 MARKERS, BOXES, TRACKED = "/humans/bodies/markers", "/humans/bodies/boxes", "/humans/bodies/tracked"
@@ -274,7 +275,7 @@ def with_standard_types(
     with spinning_node("translator") as ros:
         translator = Translator(ros, graph, head=False)
         for package in sorted(translator.missing):
-            log.warning("no messages of %s: it is not installed, or its libraries are not found", package)
+            log.warning("no messages of %s: %s", package, NOT_FOUND)
 
         def note(topic: str, message: Message) -> None:
             observe(topic, message)

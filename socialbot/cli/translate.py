@@ -39,7 +39,7 @@ def translate(
     """
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.graph_observer import observe_graph
-    from socialbot.bridge.translator import Translator, translated_topics
+    from socialbot.bridge.translator import NOT_FOUND, Translator, translated_topics
     from socialbot.graph.files import with_changes
 
     console = Console()
@@ -50,6 +50,6 @@ def translate(
         for topic in translator.topics:
             console.print_plain(topic)
         for package in sorted(translator.missing):
-            console.print_plain(f"without {package}: it is not installed, or its libraries are not found", "yellow")
+            console.print_plain(f"without {package}: {NOT_FOUND}", "yellow")
         with observe_graph(translated_topics(graph), translator.take, lambda *_: None, graph.wire):
             wait_for_signal()

@@ -166,7 +166,7 @@ class Proposals:
         value: T | None = None
         try:
             if self._model is None:
-                raise ModelError("no language model is configured")
+                raise ModelError("no language model is configured: set SOCIALBOT_LLM_URL")
             answer = self._model.complete(prompt)
         except ModelError as problem:
             error = refused = problem.what

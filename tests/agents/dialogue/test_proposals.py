@@ -197,7 +197,7 @@ def test_a_prompt_holds_only_the_names_that_are_allowed():
 def test_without_a_model_everything_is_refused():
     given, records = proposals(None)
     for ask in ASK.values():
-        assert ask(given).refused == "no language model is configured"
+        assert ask(given).refused == "no language model is configured: set SOCIALBOT_LLM_URL"
     assert [what for _, what, _ in records] == list(ASK)
 
 
