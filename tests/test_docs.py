@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from functools import cache
+from importlib.metadata import requires
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -267,6 +268,13 @@ def test_the_defaults_of_parameters_are_those_of_the_nodes():
                     wrong += [] if is_default(told, declared[name].default) else [f"{name_of(page)}: {name} {told}"]
     assert compared > 25
     assert wrong == []
+
+
+def test_every_dependency_is_on_the_page_of_dependencies():
+    text = text_of(ROOT / "docs" / "dependencies.md")
+    needed = {re.split(r"[^\w-]", each)[0] for each in requires("socialbot") or ()} - {"socialbot"}
+    assert {"numpy", "mujoco", "pytest"} <= needed
+    assert needed - set(re.findall(r"[\w-]+", text)) == set()
 
 
 def test_commands_are_found_in_the_docs():
