@@ -274,7 +274,7 @@ def test_every_dependency_is_on_the_page_of_dependencies():
     text = text_of(ROOT / "docs" / "dependencies.md")
     needed = {re.split(r"[^\w-]", each)[0] for each in requires("socialbot") or ()} - {"socialbot"}
     assert {"numpy", "mujoco", "pytest"} <= needed
-    assert needed - set(re.findall(r"[\w-]+", text)) == set()
+    assert needed - set(re.findall(r"[\w-]+", text.replace("ruamel.", "ruamel-"))) == set()
 
 
 def test_commands_are_found_in_the_docs():
