@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,7 +26,7 @@ PANEL = "Test behaviours"
 EXAMPLES = (
     "socialbot test behaviours.py runs/my_run",
     "socialbot test waldo data/synthetic/corridor",
-    "socialbot test behaviours.py bags/* --set bdi_engine.help_after_s=5 --junit results.xml",
+    "socialbot test behaviours.py graph.yaml bags/* --graph camera.yaml --junit results.xml",
     "socialbot test behaviours.py graph.yaml",
     "socialbot test behaviours.py --live waldo",
 )
@@ -99,7 +100,9 @@ def test(
 
     console = Console(soft_wrap=True)
     enter_domain(context, console, domain, runner, ("domain",), verbose=verbose)
-    trials = [Trial(each, graph, tuple(changes or ()), runner, limit, cache) for each in sources]
+    trials = [Trial(each, None, tuple(changes or ()), runner, limit, cache) for each in sources]
+    bags = [each for each in trials if each.is_bag]
+    trials = [replace(each, graph=graph) if each in bags or not bags else each for each in trials]
     folder = out or new_run_folder()
     with ExitStack() as stack:
         checked = [
@@ -134,7 +137,7 @@ def _check(
     from socialbot.runs.expectations.reporting import Checked
     from socialbot.runs.report import PAGE, write_report
 
-    console.print(Text(f"{name}  ({trial.source})"))
+    console.print(Text(f"{name}  ({trial})"))
     run = trial.obtain(folder / name)
     for problem in run.problems:
         console.print(f"  warning: {problem}", style="yellow", markup=False)

@@ -7,6 +7,7 @@ an option or the fixture is used.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options ``--behaviours`` and ``--on``."""
+    """Add the options ``--behaviours``, ``--on`` and ``--behaviours-graph``."""
     group = parser.getgroup("socialbot", "behaviours of agents")
     group.addoption(
         "--behaviours", metavar="FILE", help="File with expectations, or an agent package such as waldo; needs --on."
@@ -32,6 +33,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         help="Check the expectations on this run, bag or graph; repeatable.",
+    )
+    group.addoption(
+        "--behaviours-graph", metavar="GRAPH", help="Graph for the bags of --on; default: the bag's own, or waldo."
     )
 
 
@@ -117,7 +121,9 @@ def _run_of(source: str, config: pytest.Config) -> RecordedRun:
     if source not in runs:
         folder = Path(tempfile.mkdtemp(prefix="behaviours-"))
         config.add_cleanup(lambda: _remove(folder))
-        runs[source] = Trial(source).obtain(folder / "run")
+        trial = Trial(source)
+        graph = config.getoption("--behaviours-graph") if trial.is_bag else None
+        runs[source] = replace(trial, graph=graph).obtain(folder / "run")
     return runs[source]
 
 

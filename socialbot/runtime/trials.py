@@ -14,7 +14,7 @@ from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.expectations import Expectation, Verdict, evaluate
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.record import TRACE, RunRecord
-from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
+from socialbot.runtime.bag_source import BAG_GRAPH, BagSource, find_truth, graph_of
 from socialbot.runtime.perception_cache import PerceptionCache
 from socialbot.runtime.run import Runner, run
 from socialbot.runtime.simulated_source import SimulatedSource
@@ -48,9 +48,19 @@ class Trial:
         return (Path(self.source) / TRACE).is_file()
 
     @property
+    def is_bag(self) -> bool:
+        return not self.is_recorded and not self.is_simulated
+
+    @property
     def name(self) -> str:
         """Short name for reports and folders."""
         return Path(self.source).stem or "run"
+
+    def __str__(self) -> str:
+        if not self.is_bag:
+            return self.source
+        own = "its own graph" if (Path(self.source) / BAG_GRAPH).is_file() else "the graph waldo"
+        return f"{self.source}, with {self.graph or own}"
 
     def obtain(self, folder: Path) -> RecordedRun:
         """Return the run; a new one is recorded in ``folder``.

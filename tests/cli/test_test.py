@@ -76,6 +76,26 @@ def test_recorded_runs_and_selection(project: Path, tmp_path: Path) -> None:
     assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "due", "--strict").returncode == 1
 
 
+def bag_without_graph(project: Path, folder: Path) -> Path:
+    """The recorded detections of a simulated visit."""
+    assert socialbot_here("run", project / "graph.yaml", "--bag", "--out", folder / "ran").returncode == 0
+    (bag,) = {path.parent for path in folder.rglob("ran/**/metadata.yaml")}
+    (bag / "graph.yaml").unlink()
+    return bag
+
+
+def test_a_graph_for_bags_is_not_for_the_other_sources(project: Path, tmp_path: Path) -> None:
+    graph, bag = project / "graph.yaml", bag_without_graph(project, tmp_path)
+    done = socialbot_here(
+        "test", project / "expected.py", graph, bag, tmp_path / "ran", "--graph", graph, "-k", "greets_once",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if line.startswith(("graph", bag.name, "ran"))]
+    assert lines == [f"graph  ({graph})", f"{bag.name}  ({bag}, with {graph})", f"ran  ({tmp_path / 'ran'})"]
+    assert done.stdout.count("  passed   greets_once  1 instance") == 3
+
+
 def test_the_nearest_change_that_passes_is_found(project: Path, tmp_path: Path) -> None:
     (project / "expected.py").write_text(
         "from socialbot.testing import expect, person, said\n"

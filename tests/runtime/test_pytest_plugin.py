@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.cli.new import write_project
+from tests.system.running import socialbot_here
 
 NUMBERS = itertools.count()
 BEHAVIOURS = """
@@ -77,6 +78,18 @@ def test_each_expectation_is_a_test(project: Path) -> None:
     assert "0.10 s too late; within(0.6) would pass" in done.stdout
     assert "untested: nothing in this run" in done.stdout
     assert "Traceback" not in done.stdout
+
+
+def test_a_graph_for_bags_can_be_named(project: Path) -> None:
+    (project / "expected.py").write_text(BEHAVIOURS, "utf-8")
+    assert socialbot_here("run", project / "graph.yaml", "--bag", "--out", project / "ran").returncode == 0
+    (bag,) = {path.parent for path in project.rglob("ran/**/metadata.yaml")}
+    (bag / "graph.yaml").unlink()
+    done = run_pytest(
+        project, "--behaviours", "expected.py", "--on", str(bag), "--on", "graph.yaml",
+        "--behaviours-graph", "graph.yaml", "-k", "greets",
+    )  # fmt: skip
+    assert "2 passed" in done.stdout, done.stdout
 
 
 def test_the_fixture_checks_what_a_graph_tester_has_seen(project: Path) -> None:
