@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 import unicodedata
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from ruamel.yaml import YAML
 import socialbot
 from socialbot.cli.main import command
 from socialbot.graph.files import node_type
+from socialbot.vision.detectors import DETECTORS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -268,6 +270,19 @@ def test_the_defaults_of_parameters_are_those_of_the_nodes():
                     wrong += [] if is_default(told, declared[name].default) else [f"{name_of(page)}: {name} {told}"]
     assert compared > 25
     assert wrong == []
+
+
+def test_the_scores_on_the_page_of_detectors_are_those_of_the_detectors():
+    told = {
+        name.strip("`"): [float(each.removesuffix(" s")) for each in scores]
+        for name, *scores in rows(
+            text_of(ROOT / "docs" / "detectors.md"), "detector", "sure", "weak", "certain", "bridge"
+        )
+    }
+    assert told == {
+        name: [spec.sure, spec.weak, spec.certain if math.isfinite(spec.certain) else spec.sure, spec.bridge_s]
+        for name, spec in DETECTORS.items()
+    }
 
 
 def test_every_dependency_is_on_the_page_of_dependencies():
