@@ -326,6 +326,23 @@ def is_module(name: str) -> bool:
     return any((ROOT / "socialbot" / file).exists() for file in (name, f"{name}.py"))
 
 
+FOLDERS = "data|docs|evaluation|examples|interfaces|ros|socialbot|tests|tools"
+WRITTEN = re.compile(r"(?:Save this as|In) `([\w./-]+)`")
+"""Files that the reader writes."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_and_programs_of_the_repository_in_the_docs_exist(page):
+    text = text_of(page)
+    files = set(re.findall(rf"`((?:{FOLDERS})/[\w./-]+)[`:]", FENCE.sub("", text))) - set(WRITTEN.findall(text))
+    programs = set(re.findall(r"python -m ((?:evaluation|tools|tests)\.\w+(?:\.\w+)*)", text))
+    files |= {f"{name.replace('.', '/')}.py" for name in programs}
+    files |= set(re.findall(rf"python ((?:{FOLDERS})/[\w/]+\.py)", text))
+    packages = {name for name in files if (ROOT / name.removesuffix(".py") / "__main__.py").exists()}
+    schemas = {name for name in files if re.fullmatch(r"socialbot/\w+/\d", name)}
+    assert [name for name in files - packages - schemas if not (ROOT / name).exists()] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_modules_of_socialbot_in_the_docs_exist(page):
     names = set(re.findall(r"(?<![\w/.-])socialbot\.([a-z_]+)", text_of(page))) - GROUPS
