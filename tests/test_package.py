@@ -138,7 +138,7 @@ def test_an_arm_machine_installs_all_but_ros(machine: str, has_ros: bool):
     assert {"numpy", "onnxruntime", "opencv-python-headless", "kairos-planner"} <= chosen
 
 
-@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13", "3.14"])
 def test_every_extra_installs_something_with_each_python(python: str):
     here = {"python_version": python, "sys_platform": "linux", "platform_machine": "x86_64"}
     markers = [Requirement(text).marker for text in requires("socialbot") or () if "extra ==" in text]

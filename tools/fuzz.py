@@ -3,7 +3,7 @@
 The fuzzer is guided by line coverage of socialbot. It starts with the seeds of the decoder, and stores new inputs in
 FOLDER. Options are those of libFuzzer: ``-max_total_time=60`` (s), ``-runs=100000``, ``-help=1``. It stops at the first
 failure and writes the input to a file; pass that file as FOLDER to reproduce the failure.
-Install ``'atheris>=2.3,<4'`` first (the extra ``fuzz``; not for Python 3.14).
+Install ``'atheris>=2.3,<4'`` first (the extra ``fuzz``).
 ``make fuzz`` runs all decoders; ``--list`` lists them.
 """
 
