@@ -8,7 +8,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from functools import cache
-from importlib.metadata import requires
+from importlib.metadata import metadata, requires
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -290,6 +290,13 @@ def test_every_dependency_is_on_the_page_of_dependencies():
     needed = {re.split(r"[^\w-]", each)[0] for each in requires("socialbot") or ()} - {"socialbot"}
     assert {"numpy", "mujoco", "pytest"} <= needed
     assert needed - set(re.findall(r"[\w-]+", text.replace("ruamel.", "ruamel-"))) == set()
+
+
+def test_every_extra_is_on_the_page_of_the_installation():
+    text = text_of(ROOT / "docs" / "installation.md")
+    extras = metadata("socialbot").get_all("Provides-Extra") or []
+    assert {"speech", "sim"} <= set(extras)
+    assert [each for each in extras if f"`{each}`" not in text] == []
 
 
 def test_commands_are_found_in_the_docs():
