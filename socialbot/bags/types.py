@@ -380,6 +380,10 @@ def _check_cdr(data: bytes) -> None:
         raise ValueError(f"{len(data)} bytes are no CDR message")
 
 
+_NO_IDL = re.compile(r"\AIDL: .*\n|^[ \t]*#.*$", re.MULTILINE)
+"""The headline of a part, and lines of the preprocessor, which rosbags does not read: parts are included anyway."""
+
+
 @functools.lru_cache(maxsize=512)
 def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
     # Use the definition of each connection: types differ between releases of ROS.
@@ -394,12 +398,13 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
             types.register(_parsed(definition.data, name))
         else:
             for part in filter(None, definition.data.split("=" * 80 + "\n")):
-                types.register(get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part)))
+                types.register(get_types_from_idl(_NO_IDL.sub("", part)))
         _check_size(name, {**known.fielddefs, **types.fielddefs})
     except Exception as error:  # noqa: BLE001 - rosbags makes Python of a definition, which may fail in any way
         found = known if name in known.fielddefs or ros1 else _installed_types(name)
         if name not in found.fielddefs:
-            log.warning("the definition of %s cannot be used: %s: %.200s", name, type(error).__name__, error)
+            why = " ".join(str(error).split())
+            log.warning("the definition of %s cannot be used: %s: %.200s", name, type(error).__name__, why)
         return found
     # Some writers leave out the definitions of types that ROS has.
     while (missing := _undefined(name, types.fielddefs)) in known.fielddefs and missing != name:
