@@ -85,7 +85,7 @@ evaluate: setup
 	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))
 
 test: tools
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow" --hypothesis-profile quick
 
 test-all: tools
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup

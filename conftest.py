@@ -21,6 +21,7 @@ from socialbot.core import paths
 
 # How long an example takes depends on what else the machine does.
 settings.register_profile("socialbot", deadline=None)
+settings.register_profile("quick", deadline=None, max_examples=30)
 settings.load_profile("socialbot")
 
 DOMAINS = range(20, 60)
@@ -37,6 +38,23 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(claim.close)
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; there is no screen
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    if hasattr(config, "workerinput") and all(map(os.path.isdir, config.args)):
+        files = sorted({str(path) for each in config.args for path in Path(each).rglob("test_*.py")})
+        first = len(files) * int(config.workerinput["workerid"][2:]) // config.workerinput["workercount"]
+        config.args[:] = files[first:] + files[:first]  # else each worker compiles all tests of a new clone
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Sort the files, which each worker collects in another order, and limit examples where the profile is `quick`."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: item.path)
+    most = settings.default.max_examples  # type: ignore[attr-defined]
+    for item in items if settings.get_current_profile_name() == "quick" else ():
+        test = getattr(getattr(item, "obj", None), "__func__", getattr(item, "obj", None))
+        own = getattr(test, "_hypothesis_internal_use_settings", None)
+        if own and own.max_examples > most:
+            test._hypothesis_internal_use_settings = settings(own, max_examples=most)
 
 
 def pytest_collection_finish() -> None:
