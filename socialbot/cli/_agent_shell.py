@@ -49,9 +49,7 @@ FORMATS = {
 """Pattern of the arguments of a command, and how to write it; other commands take any."""
 
 UNITS = {"ms": 0.001, None: 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
-PATIENCE_S = 1.0  # reasoning time (s) of an agent per input line, in slices of TURNS reasoning cycles
-
-TURNS = 100
+PATIENCE_S = 1.0  # reasoning time (s) of an agent per input line
 MOST_SOLUTIONS = 50
 LOUD = frozenset({"failure", "dropped"})  # kinds of records that are shown even if the trace is off
 
@@ -117,7 +115,7 @@ class Shell:
         """Run the agent until it is idle; return whether it exceeds `PATIENCE_S`, and say so in simulated time."""
         end = time.monotonic() + PATIENCE_S
         while not self.held and time.monotonic() < end:
-            busy = self.engine.run_until_idle(TURNS)
+            busy = self.engine.run_until_idle(1)  # a cycle may take a tenth of a second
             due = self.engine.next_wakeup()
             if not busy and (due is None or due > self.clock.now()):
                 return False

@@ -209,6 +209,7 @@ def filters() -> list[bool]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_a_given_up_node_takes_no_more_memory():
     """Its DDS stores the numbers of a false packet one by one; the process goes on with another participant."""

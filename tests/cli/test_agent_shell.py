@@ -121,7 +121,6 @@ def test_hold_and_step():
 
 def test_busy_agent_does_not_block_the_shell(monkeypatch):
     monkeypatch.setattr("socialbot.cli._agent_shell.PATIENCE_S", 0.1)
-    monkeypatch.setattr("socialbot.cli._agent_shell.TURNS", 10)
     session = Session("+!a <- .print(x); !a.")
     session.engine.out = lambda text: None
     assert "still busy" in session.type("!a")[-1]

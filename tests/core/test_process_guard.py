@@ -105,6 +105,7 @@ with guarded():
     assert "in call_native_code" in crashed.errors
 
 
+@pytest.mark.slow
 def test_a_process_that_waits_for_a_processor_is_not_hung(tmp_path: Path, started: list[Guarded]) -> None:
     program = """
 def waited_s():

@@ -186,6 +186,7 @@ def test_separations_do_not_make_a_plan_late(tmp_path):
     assert plan_of(answer).makespan_s == 14.004
 
 
+@pytest.mark.slow
 @busy.can_be_made
 def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
     known, asked, deadline = warehouse(6, 3)
@@ -212,6 +213,7 @@ def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_hard_problem_is_given_up_when_its_memory_is_used(planner):
     answer = planner.solve(*hard(), replace(LONG, memory_mb=60))
     assert answer.verdict is PlannerVerdict.GAVE_UP

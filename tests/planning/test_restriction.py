@@ -186,7 +186,9 @@ def test_a_problem_that_needs_the_dropped_options_is_solved_all_the_same(monkeyp
     assert len(answer.plan.steps) == 3
 
 
-@pytest.mark.parametrize(("boxes", "carriers", "most_s"), [(48, 12, 1.5), (96, 24, 6.0)])
+@pytest.mark.parametrize(
+    ("boxes", "carriers", "most_s"), [(48, 12, 1.5), pytest.param(96, 24, 6.0, marks=pytest.mark.slow)]
+)
 def test_planning_for_many_boxes_and_all_stacks_takes_little_processor_time(boxes, carriers, most_s):
     domain, problem, deadline = warehouse(boxes, carriers)
     begun = processor_s()
@@ -195,6 +197,7 @@ def test_planning_for_many_boxes_and_all_stacks_takes_little_processor_time(boxe
     assert processor_s() - begun <= most_s
 
 
+@pytest.mark.slow
 def test_plans_are_shortened_whatever_the_deadline():
     domain, problem, deadline = warehouse(24, 12, all_stacks=False)
     for most_s in (deadline, 420.0, 100_000.0):

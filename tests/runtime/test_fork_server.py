@@ -73,6 +73,7 @@ def test_a_graph_starts_in_a_process_with_many_open_files(tmp_path: Path) -> Non
         assert eventually(lambda: supervisor.attend(0.1) or supervisor.members["head"].state == ACTIVE)
 
 
+@pytest.mark.slow
 def test_a_server_compiles_damaged_modules_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the nodes of its graph, and of those that each node imports."""
     monkeypatch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path / "compiled"))
@@ -162,6 +163,7 @@ def test_a_server_that_does_not_answer_is_asked_once(
         fork_server.close()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
 def test_the_first_server_may_wait_for_a_processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """On a busy machine, nodes that start without it would each import what it imports once."""

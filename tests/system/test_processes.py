@@ -303,33 +303,24 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
     assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 2
 
 
-def test_a_second_node_of_a_name_is_refused(short_bag: Path, tmp_path: Path, onlooker: Any) -> None:
-    with running("node", "head"):
-        assert eventually(lambda: "head" in onlooker.get_node_names())
-        node = socialbot("node", "head")
-        replay = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "run", "--no-video")
-    assert node.returncode == 6
-    assert "running already: head" in node.stderr
-    assert replay.returncode == 6
-    assert "head" in replay.stderr
-    assert "ROS_DOMAIN_ID" in replay.stderr
-
-
-def test_a_replay_without_a_domain_is_isolated(
+def test_a_second_node_of_a_name_is_refused_in_the_same_domain_only(
     short_bag: Path, tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nodes of the same names in another domain neither stop a replay nor reach it."""
+    replay = ("replay", short_bag, "--runner", "ros", "--no-video", "--composed")
     with running("node", "head"):
         assert eventually(lambda: "head" in onlooker.get_node_names())
-        domain = os.environ["ROS_DOMAIN_ID"]
-        joined = socialbot_here(
-            "replay", short_bag, "--runner", "ros", "--out", tmp_path / "joined", "--no-video", "--domain", domain
-        )
+        node = socialbot("node", "head")
+        joined = socialbot_here(*replay, "--out", tmp_path / "joined", "--domain", os.environ["ROS_DOMAIN_ID"])
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
-        alone = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "alone", "--no-video", "-v")
+        alone = socialbot_here(*replay, "--out", tmp_path / "alone", "-v")
+    assert node.returncode == 6
+    assert "running already: head" in node.stderr
+    assert joined.returncode == 6
+    assert "head" in joined.stderr
+    assert "ROS_DOMAIN_ID" in joined.stderr
     assert alone.returncode == 0
     assert re.search(r"^ROS domain (6\d|7\d|8\d|9\d|100);", alone.stdout, re.MULTILINE)
-    assert joined.returncode == 6
 
 
 @pytest.mark.parametrize("options", [("--domain", "7"), ("--composed",), ("--no-pace",), ("--rate", "2")])

@@ -37,6 +37,7 @@ def test_the_bag_of_a_hospital_demo_gives_the_same_decisions_inline(tmp_path: Pa
     assert results(tmp_path / "again")["decisions"]["difference"] == ""
 
 
+@pytest.mark.slow
 def test_a_demo_writes_its_page_and_bag(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     done = socialbot_here("demo", "cleaner-sweeper", "--runner", "ros", "--bag", "--out", folder)

@@ -207,6 +207,7 @@ def test_a_restarted_agent_continues(tmp_path: Path, killed: str, after_s: float
     assert wanted == ["gripper_desires.yaml", "kept"][: 2 if killed == GRIPPER else 1]
 
 
+@pytest.mark.slow
 def test_up_runs_live_until_a_signal(tmp_path: Path) -> None:
     trace = tmp_path / "run" / "trace.jsonl"
     with running("up", "warehouse", "--out", tmp_path / "run") as process:

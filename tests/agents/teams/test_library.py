@@ -21,9 +21,13 @@ def test_the_mission_is_written_in_less_than_200_lines():
     assert len((EXAMPLES / "library.py").read_text("utf-8").splitlines()) < 200
 
 
-@PLANNERS
-def test_all_books_are_fetched(planner: str):
-    run = LibraryRun(planner).until(100.0)
+@pytest.fixture(scope="module", params=["htn", "pddl"])
+def undisturbed(request: pytest.FixtureRequest) -> LibraryRun:
+    return LibraryRun(request.param).until(100.0)
+
+
+def test_all_books_are_fetched(undisturbed: LibraryRun):
+    run = undisturbed
     assert run.delivered() == ALL
     assert {(view.status, view.recoveries) for view in run.views.values()} == {("finished", 0)}
 
@@ -78,10 +82,8 @@ def test_silent_sensors_only_delay_missions():
     assert run.delivered() == ALL
 
 
-@PLANNERS
-def test_each_agent_gets_the_plans_of_its_own_actions_only(planner: str):
-    run = LibraryRun(planner).until(100.0)
-    sent = [message for message in run.heard if isinstance(message.content, Plan)]
+def test_each_agent_gets_the_plans_of_its_own_actions_only(undisturbed: LibraryRun):
+    sent = [message for message in undisturbed.heard if isinstance(message.content, Plan)]
     assert sent
     for message in sent:
         able = EXAMPLE.Runner.can if message.receiver.startswith("runner") else EXAMPLE.Porter.can
