@@ -178,9 +178,10 @@ def test_a_director_that_does_not_mind_silent_sensors_is_caught(monkeypatch):
     assert any("begins while sensor status of carrier_a is silent" in one for one in violations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
-    ["72 stalls gripper_a 30", pytest.param("30 leaves carrier_c; 60 leaves carrier_b", marks=pytest.mark.slow)],
+    ["72 stalls gripper_a 30", "30 leaves carrier_c; 60 leaves carrier_b"],
 )
 def test_boxes_are_in_their_deposits_when_the_goal_is_reached(fault):
     """A carrier that missed the report of its load, or left with one box, is sent off."""

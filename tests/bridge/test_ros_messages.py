@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +25,7 @@ from socialbot.runs.record import RunRecord
 from socialbot.runtime.bag_source import BagSource
 from socialbot.runtime.run import run
 from tests.bridge.hosting import node_hosts, spinning_nodes
-from tests.system.running import eventually
+from tests.system.running import eventually, socialbot_here
 
 
 class Guard(Node):
@@ -181,7 +179,7 @@ def test_nodes_exchange_ros_messages_with_other_ros_nodes():
     assert got == [Twist()]
 
 
-def test_types_that_are_not_installed_are_named_before_anything_starts(tmp_path):
+def test_types_that_are_not_installed_are_named_before_anything_starts(tmp_path, monkeypatch):
     (tmp_path / "strange.py").write_text(
         "from socialbot import Input, Node\n\n\nclass Strange(Node):\n"
         '    thing = Input("nobody_msgs/msg/Thing", "/thing")\n\n'
@@ -191,19 +189,17 @@ def test_types_that_are_not_installed_are_named_before_anything_starts(tmp_path)
     file = tmp_path / "graph.yaml"
     file.write_text("name: strange\ninputs: [/thing]\nnodes:\n  strange: {type: 'strange:Strange'}\n", "utf-8")
 
-    def socialbot(*args: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "socialbot", *args]
-        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
-
-    done = socialbot("graph", str(file))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    done = socialbot_here("graph", file)
     assert done.returncode == 0, done.stderr
     assert "/thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stdout
     assert "source the ROS workspace that has the package nobody_msgs" in done.stdout
 
-    assert socialbot("graph", str(file), "--runner", "inline").returncode == 0
+    assert socialbot_here("graph", file, "--runner", "inline").returncode == 0
 
-    for command in (("up", str(file), "--out", "live"), ("graph", str(file), "--runner", "ros")):
-        done = socialbot(*command)
+    for command in (("up", file, "--out", "live"), ("graph", file, "--runner", "ros")):
+        done = socialbot_here(*command)
         assert done.returncode == 5
         assert "error: /thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stderr
         assert "source the ROS workspace that has the package nobody_msgs" in done.stderr

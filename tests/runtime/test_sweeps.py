@@ -175,6 +175,7 @@ def test_a_bisection_finds_where_the_expectation_flips(bag, tmp_path):
     assert [cell.passed for cell in grid.cells] == [True, False]
 
 
+@pytest.mark.slow
 def test_without_expectations_a_bisection_finds_other_decisions(bag, tmp_path):
     sweep = swept(plan_of(bag, "waldo.range_m=1:40", method="bisect", expectations=None), tmp_path)
     [flip] = sweep.thresholds

@@ -451,7 +451,12 @@ def test_tells_the_pose_of_the_camera_once_it_is_known():
 
 @pytest.mark.parametrize(
     ("turns", "told"),
-    [(0, ""), (1, "by 90 degrees clockwise"), (2, "by 180 degrees"), (3, "by 90 degrees anticlockwise")],
+    [
+        (0, ""),
+        (1, "by 90 degrees clockwise"),
+        pytest.param(2, "by 180 degrees", marks=pytest.mark.slow),
+        pytest.param(3, "by 90 degrees anticlockwise", marks=pytest.mark.slow),
+    ],
 )
 def test_a_turned_camera_is_told_of(near, caplog, turns, told):
     rig = Rig(faces=False)

@@ -194,11 +194,20 @@ class Grammar:
                         )
                     known = self._variants.setdefault(language, [])
                     known += (Variant(intent, phrase, variant, is_whole) for variant in variants)
-        self._words = {
+        self._alike = functools.lru_cache(_WORDS_KEPT)(self._like)
+
+    @functools.cached_property
+    def _words(self) -> dict[str, set[str]]:
+        """Words of the phrases by language."""
+        return {
             language: {part for variant in variants for part in variant.parts if isinstance(part, str)}
             for language, variants in self._variants.items()
         }
-        self._names = {
+
+    @functools.cached_property
+    def _names(self) -> dict[tuple[str, str], list[tuple[str, int, str]]]:
+        """Names of the values by slot and language: without spaces, the number of words, and the value."""
+        return {
             (slot, language): [
                 ("".join(itertools.chain(*words(name, language))), len(name.split()), value)
                 for value, by_language in known.items()
@@ -207,7 +216,6 @@ class Grammar:
             for slot, known in self.values.items()
             for language in self._variants
         }
-        self._alike = functools.lru_cache(_WORDS_KEPT)(self._like)
 
     @property
     def languages(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Sequence, Set
 from difflib import SequenceMatcher
 from functools import cache, lru_cache
@@ -155,9 +156,19 @@ def sound(word: str) -> str:
     return re.sub(r"(.)\1+", r"\1", consonants)
 
 
+@lru_cache(maxsize=10_000)
+def _letters(word: str) -> tuple[tuple[str, int], ...]:
+    """Return the letters of a word, and how often it has each."""
+    return tuple(Counter(word).items())
+
+
 def _most_alike(one: str, other: str) -> float:
     """Return a bound of how alike two words are written: the share of their letters that are common."""
-    return 2.0 * sum(min(one.count(letter), other.count(letter)) for letter in set(one)) / (len(one) + len(other))
+    common = 0
+    for letter, count in _letters(one):
+        if letter in other:
+            common += min(count, other.count(letter)) if count > 1 else 1
+    return 2.0 * common / (len(one) + len(other))
 
 
 @lru_cache(maxsize=50_000)

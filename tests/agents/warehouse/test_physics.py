@@ -69,6 +69,7 @@ def test_stacks_stand_still(scenario):
         assert max(moved) < 2 * MM
 
 
+@pytest.mark.slow
 def test_stacks_stand_still_while_the_crane_carries_boxes_of_another(tmp_path):
     pytest.importorskip("mujoco")
     layout = tmp_path / "aisles.yaml"

@@ -150,7 +150,7 @@ def test_tracks_are_ten_columns_with_whole_numbers(tmp_path):
 
 
 def test_recordings_with_similar_names_have_files_of_their_own(tmp_path):
-    source = bag_source(drawn_bag(tmp_path, frames=2, objects=[]))
+    source = bag_source(drawn_bag(tmp_path, frames=1, objects=[]))
     names = ("hall 1", "hall-1", "hall-1-2", "hall/1")
     evaluation = evaluated([replace(source, name=name, scene=name) for name in names])
     written = export(evaluation, "mot", tmp_path / "tracks")
