@@ -239,6 +239,11 @@ def _write_ahead_log(path: Path) -> str:
 def _open_file(path: Path, damage: list[str]) -> Reader:
     if path.suffix == ".zstd":
         raise BagError("a compressed file of a bag", where=str(path), remedy=f"decompress with `zstd -d {path}`")
+    if path.suffix == ".active":
+        remedy = (
+            f"end `rosbag record`, or repair it after a crash with `rosbag reindex` of ROS 1 as {path.with_suffix('')}"
+        )
+        raise BagError("a recording that has not ended", where=str(path), remedy=remedy)
     if path.suffix not in _REPAIRS:
         remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
         raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)

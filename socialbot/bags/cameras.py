@@ -53,7 +53,7 @@ def image_kind(topic: str, first: Message | None) -> ImageKind:
     """Kind of the images on ``topic``.
 
     A 16-bit or float encoding means depth, except for a 16-bit image on an infrared or thermal topic, and for a topic
-    that is named as a map.
+    that is named as a map. The makers of thermal cameras make colour cameras, too, and only these have a Bayer filter.
 
     Args:
         topic: Name of the topic.
@@ -61,7 +61,7 @@ def image_kind(topic: str, first: Message | None) -> ImageKind:
     """
     name, transport = _without_transport(topic)
     encoding = _encoding(first)
-    infrared = _INFRARED_NAME.search(name) is not None
+    infrared = _INFRARED_NAME.search(name) is not None and not encoding.startswith("bayer")
     named_depth = _DEPTH_NAME.search(name) is not None
     deep = encoding in _DEEP or transport == "compressedDepth"
     named_map = _MAP_NAME.search("/".join(name.split("/")[-2:])) is not None

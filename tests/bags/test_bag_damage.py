@@ -183,6 +183,7 @@ LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:b90a\nsiz
         ("folder/", None, "not a bag"),
         ("film.mp4", b"x", "not a bag: .mp4"),
         ("bag", b"x", "not a bag: no suffix"),
+        ("visit.bag.active", b"x", "a recording that has not ended"),
         ("empty.mcap", b"", "empty"),
         ("empty.db3", b"", "tables"),
         ("empty.bag", b"", "empty"),

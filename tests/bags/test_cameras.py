@@ -89,6 +89,9 @@ DEEP = np.full((4, 4), 2000, np.uint16)
         ("/front/instance_segmentation", raw("32SC1"), ImageKind.MAP),
         ("/semantic_robot/front/camera/image_raw", raw("mono8"), ImageKind.GREY),
         ("/flir_boson/image_raw", raw("16UC1"), ImageKind.INFRARED),
+        ("/flir_camera/image_raw", raw("bayer_rggb8"), ImageKind.COLOUR),
+        ("/flir_camera/image_raw/compressed", packed("bayer_rggb8; jpeg compressed bgr8"), ImageKind.COLOUR),
+        ("/flir_camera/image_raw", raw("rgb8"), ImageKind.INFRARED),  # maybe heat in false colours
         ("/camera/depth/image_raw", None, ImageKind.DEPTH),
         ("/camera/image_raw", None, ImageKind.COLOUR),
     ],
