@@ -30,12 +30,12 @@ from socialbot.bridge.transport import (
     open_transport,
 )
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import InstallationError, MessageError
+from socialbot.core.errors import BagError, InstallationError, MessageError
 from socialbot.core.messages import AudioData, CameraInfo, Health, Message, Structured, Transforms, VoiceActivity
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
 from socialbot.graph.node import Graph
-from socialbot.graph.ports import Delivery
+from socialbot.graph.ports import TOPIC_NAME, Delivery
 
 log = logging.getLogger("socialbot.player")
 
@@ -108,7 +108,7 @@ class BagPlayer:
         self._senders: dict[str, Sender] = {}
         self._encoded: set[str] = set()
         kinds = {} if graph is None else graph.topics()
-        self._topics = topics = _installed(bag, topics)
+        self._topics = topics = _playable(bag, topics, graph)
         sensors = (
             {} if graph is None else {name: topic for name, topic in topics.items() if _is(bag, name, SENSOR_TYPES)}
         )
@@ -320,13 +320,24 @@ def _is(bag: Bag, name: str, types: tuple[str, ...]) -> bool:
     return bag.topic(name).type in types
 
 
-def _installed(bag: Bag, topics: Mapping[str, str]) -> Mapping[str, str]:
-    """Leave out transforms if their package is not installed: they are not among the ROS wheels of socialbot."""
-    try:
-        message_class(ROS_TYPES[Transforms])
-    except InstallationError as error:
-        left = {name: topic for name, topic in topics.items() if not _is(bag, name, (ROS_TYPES[Transforms],))}
-        if len(left) < len(topics):
-            log.info("transforms are not played: %s", error.what)
-        return left
-    return topics
+def _playable(bag: Bag, topics: Mapping[str, str], graph: Graph | None) -> Mapping[str, str]:
+    """Leave out topics that ROS cannot have here, with a warning each; with a graph only transforms.
+
+    Their package is not among the ROS wheels of socialbot, and graphs do without them. Raises BagError if no topic is
+    left.
+    """
+    left: dict[str, str] = {}
+    for name, topic in topics.items():
+        if graph is None and not TOPIC_NAME.fullmatch(f"/{topic.lstrip('/')}"):
+            log.warning("%s is not played: it is no name of a topic of ROS", name)
+            continue
+        try:
+            if graph is None or _is(bag, name, (ROS_TYPES[Transforms],)):
+                message_class(bag.topic(name).type)
+            left[name] = topic
+        except InstallationError as error:
+            log.log(logging.WARNING if graph is None else logging.INFO, "%s is not played: %s", name, error.what)
+    if topics and not left:
+        remedy = "install the ROS types of its topics, or record others"
+        raise BagError("no topic can be played", where=str(bag.path), remedy=remedy)
+    return left
