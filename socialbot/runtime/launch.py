@@ -50,11 +50,14 @@ from socialbot.runtime.fork_server import ForkServer
 
 
 @contextmanager
-def _starting(graph: Graph) -> Iterator[None]:
-    """Raise NodeError if the system refuses to start a process of ``graph``."""
+def _starting(graph: Graph, stop: Callable[[], None]) -> Iterator[None]:
+    """Call ``stop`` if the processes of ``graph`` cannot be started. Raises NodeError if the system refuses one."""
     try:
         yield
-    except OSError as error:
+    except BaseException as error:
+        stop()
+        if not isinstance(error, OSError):
+            raise
         remedy = "allow more open files (ulimit -n) and processes (ulimit -u), or free some memory"
         what = f"a process cannot be started: {error.strerror}"
         raise NodeError(what, where=graph.name, remedy=remedy) from error
@@ -78,13 +81,9 @@ class Launch:
     def __enter__(self) -> Launch:
         environment.require_ros()
         graph_file = write_graph(self._graph, self._folder)
-        try:
-            with _starting(self._graph):
-                for name, nodes in processes_of(self._graph, composed=self._composed).items():
-                    self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
-        except BaseException:
-            self.stop()
-            raise
+        with _starting(self._graph, self.stop):
+            for name, nodes in processes_of(self._graph, composed=self._composed).items():
+                self.start(name, node_arguments(graph_file, nodes, sim_time=self._sim_time))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -291,13 +290,9 @@ class Supervisor:
         own = {node for member in self.members.values() for node in member.nodes}
         order = [node for node in sinks_first(self._graph) if node in own]
         self._bring_up = BringUp(order, self._activate, time.monotonic(), self.is_observed)
-        try:
-            with _starting(self._graph):
-                for member in self.members.values():
-                    self._start(member) if self._is_first else self._restart(member, time.monotonic())
-        except BaseException:
-            self.stop()
-            raise
+        with _starting(self._graph, self.stop):
+            for member in self.members.values():
+                self._start(member) if self._is_first else self._restart(member, time.monotonic())
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -282,6 +282,14 @@ class Disjunction(_Pair):
         return f"({self.left} or {self.right})"
 
 
+class _LooksBack:
+    window: Window
+
+    @property
+    def _reach(self) -> int:
+        return self.window.longest
+
+
 @dataclass(frozen=True, eq=False)
 class _Timed(_OfPart):
     window: Window = ALWAYS
@@ -310,7 +318,7 @@ class Always(_Timed):
         return Negation(Eventually(Negation(self.part), self.window)).truth(trace, binding)
 
 
-class Once(_Timed):
+class Once(_LooksBack, _Timed):
     """The part held at a moment of the window before; nothing held before the trace."""
 
     symbol = "O"
@@ -318,22 +326,14 @@ class Once(_Timed):
     def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
         return self.window.back(parts[0], trace)
 
-    @property
-    def _reach(self) -> int:
-        return self.window.longest
 
-
-class Historically(_Timed):
+class Historically(_LooksBack, _Timed):
     """The part held at all moments of the window before, as far as the trace has them."""
 
     symbol = "H"
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         return Negation(Once(Negation(self.part), self.window)).truth(trace, binding)
-
-    @property
-    def _reach(self) -> int:
-        return self.window.longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,17 +358,13 @@ class Until(_TimedPair):
         return found | (to_the_end & self.window.beyond(right, trace))
 
 
-class Since(_TimedPair):
+class Since(_LooksBack, _TimedPair):
     """The right part held at a moment of the window before, the left one at all moments after that one."""
 
     symbol = "S"
 
     def _holds(self, trace: ObservedTrace, *parts: TimeSet) -> TimeSet:
         return _time_sets.since(parts[0], parts[1], self.window.least, self.window.most, trace.last)
-
-    @property
-    def _reach(self) -> int:
-        return self.window.longest
 
 
 class Rise(_OfPart):
