@@ -196,24 +196,14 @@ class _Parameters:
 
 
 def _connections(graph: Graph) -> Any:
-    published: dict[str, list[str]] = {}
-    subscribed: dict[str, list[str]] = {}
-    offered: dict[str, list[str]] = {}
-    for config in graph.nodes:
-        for found, pairs in (
-            (published, config.publications),
-            (subscribed, config.subscriptions),
-            (offered, config.servers),
-        ):
-            for topic, _ in pairs:
-                found.setdefault(topic, []).append(config.name)
     made = importlib.import_module("foxglove").ConnectionGraph()
-    for topic, names in published.items():
-        made.set_published_topic(topic, names)
-    for topic, names in subscribed.items():
-        made.set_subscribed_topic(topic, names)
-    for topic, names in offered.items():
-        made.set_advertised_service(topic, names)
+    for announce, pairs in (
+        (made.set_published_topic, [(topic, each.name) for each in graph.nodes for topic, _ in each.publications]),
+        (made.set_subscribed_topic, [(topic, each.name) for each in graph.nodes for topic, _ in each.subscriptions]),
+        (made.set_advertised_service, [(topic, each.name) for each in graph.nodes for topic, _ in each.servers]),
+    ):
+        for topic in dict(pairs):
+            announce(topic, [name for named, name in pairs if named == topic])
     return made
 
 

@@ -49,7 +49,8 @@ class History:
         self._agents: dict[str, None] = {}
         self._hints = Hints(self)
         self._late: list[int] = []
-        self._forgotten = 0
+        self.forgotten = 0
+        """Number of dropped records."""
         self._since = 0
         for record in records:
             self.append(record)
@@ -95,7 +96,7 @@ class History:
         del self._records[:count]
         del self._stamps[:count]
         self._late.clear()
-        self._forgotten += count
+        self.forgotten += count
         self.hide(self._stamps[0] if self._stamps else self.start)
         self._by_id, self._by_cause = {}, {}
         for each in self._records:
@@ -143,11 +144,6 @@ class History:
     def start(self) -> int:
         """Stamp (ns) of 0 s."""
         return self._start or 0
-
-    @property
-    def forgotten(self) -> int:
-        """Number of dropped records."""
-        return self._forgotten
 
     @property
     def since(self) -> int:

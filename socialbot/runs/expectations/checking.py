@@ -17,11 +17,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import PACKAGE, RuleError, SocialbotError, described, place_of, suggestion
 from socialbot.core.registry import behaviours_file, behaviours_names
 from socialbot.runs.expectations._observation import Observation, observe_run
-from socialbot.runs.expectations.expectations import (
-    Expectation,
-    ExpectationClause,
-    as_expectation,
-)
+from socialbot.runs.expectations.expectations import Expectation, ExpectationClause, as_expectation
 from socialbot.runs.expectations.formulas import (
     Binding,
     Counted,
@@ -38,7 +34,7 @@ if TYPE_CHECKING:
 
 VerdictOutcome = Literal["passed", "failed", "open", "untested"]
 MOST_INSTANCES = 100_000
-_BEST_FIRST: tuple[VerdictOutcome, ...] = ("passed", "open", "failed")
+_WORST_FIRST: tuple[VerdictOutcome, ...] = ("failed", "open", "passed", "untested")
 
 
 @dataclass(frozen=True)
@@ -146,11 +142,10 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
         raise RuleError(what, where=str(path), remedy=_remedy(error)) from error
     finally:
         sys.path.remove(folder)
-    named = ((name, value) for name, value in vars(module).items() if not name.startswith("_"))
     found = []
-    for name, value in named:
+    for name, value in vars(module).items():
         try:
-            found.append(as_expectation(value, name))
+            found.append(None if name.startswith("_") else as_expectation(value, name))
         except RuleError as error:
             raise RuleError(error.what, where=f"{path}: {name}", remedy=error.remedy) from error
     found = [each for each in found if each is not None]
@@ -234,10 +229,8 @@ def judge(expectation: Expectation, trace: Observation) -> Verdict:
     """Check an expectation on the observed part of a run."""
     found = [each for binding in _bindings(expectation, trace) for each in _instances(expectation, trace, binding)]
     found.sort(key=lambda each: (each.at, each.text))
-    outcomes = {each.outcome for each in found}
-    outcome: VerdictOutcome = "untested"
-    for each in _BEST_FIRST:
-        outcome = each if each in outcomes else outcome
+    outcomes: set[VerdictOutcome] = {"untested", *(each.outcome for each in found)}
+    outcome = min(outcomes, key=_WORST_FIRST.index)
     return Verdict(str(expectation), outcome, tuple(found), expectation)
 
 
@@ -264,10 +257,8 @@ def _instances(expectation: Expectation, trace: Observation, binding: Binding) -
             if at > trace.end:
                 continue
             outcome: VerdictOutcome = "passed" if at in must else "open" if at in may else "failed"
-            if outcome != "failed":
-                yield Instance(outcome, binding, at)
-                continue
-            yield _failed_response(expectation, trigger, trace, binding, at)
+            failed = _failed_response(expectation, trigger, trace, binding, at) if outcome == "failed" else None
+            yield failed or Instance(outcome, binding, at)
     elif expectation.when == "throughout":
         at_all = None if trigger is None else trigger.truth(trace, binding)
         wrong = may.complement(trace.last) if at_all is None else at_all.must.without(may, trace.last)
@@ -291,15 +282,12 @@ def _failed_response(
     expectation: Expectation, trigger: TemporalFormula, trace: Observation, binding: Binding, at: int
 ) -> Instance:
     """Return the failed instance of a trigger; a forbidden event is its moment, not the trigger."""
-    shown, came = _shown(trigger, trace, binding, at), None
-    if isinstance(expectation.holds, Eventually) and expectation.subject is not None:
-        later = [each for each in expectation.subject.onsets(trace, binding) if at <= each <= trace.end]
-        came = min(later, default=None)
-    elif isinstance(expectation.holds, Negation) and expectation.subject is not None:
-        later = [each for each in expectation.subject.onsets(trace, binding) if at < each <= trace.end]
-        if later:
-            record = _shown(expectation.subject, trace, binding, later[0])
-            return Instance("failed", binding, later[0], record or shown)
+    shown, came, subject = _shown(trigger, trace, binding, at), None, expectation.subject
+    onsets = [each for each in subject.onsets(trace, binding) if at <= each <= trace.end] if subject is not None else []
+    if isinstance(expectation.holds, Eventually):
+        came = min(onsets, default=None)
+    elif isinstance(expectation.holds, Negation) and (later := [each for each in onsets if each > at]):
+        return Instance("failed", binding, later[0], _shown(subject, trace, binding, later[0]) or shown)
     return Instance("failed", binding, at, shown, came)
 
 
