@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from socialbot.bags.codec import decode
 from socialbot.bags.typed import header_stamp
@@ -18,8 +18,7 @@ from socialbot.bridge.transport import is_installed, message_class
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import SocialbotError
 from socialbot.core.installation import interfaces_command
-from socialbot.core.messages import CameraInfo, CompressedImage, Image, Transforms
-from socialbot.robots.requirements import Requirement
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Transforms
 from socialbot.vision.camera import CameraModel, CameraPose, is_calibrated
 from socialbot.vision.camera_pose import pose_from_transforms, unusable_placement
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
@@ -41,6 +40,34 @@ _STREAMS = (Image, CompressedImage)
 
 _NEWEST = 2**63
 """Stamp after those of all transforms."""
+
+
+class Requirement(Protocol):
+    """Topic, service or action that a robot must have, such as those that `socialbot.robots.requirements` lists."""
+
+    @property
+    def part(self) -> str: ...
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def type(self) -> str: ...
+
+    @property
+    def needed(self) -> bool: ...
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+
+    @property
+    def message(self) -> type[Message] | None: ...
+
+    @property
+    def places(self) -> str: ...
 
 
 def check_topics(
