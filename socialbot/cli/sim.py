@@ -24,7 +24,7 @@ def _place(
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
     duration: Annotated[
         float | None,
-        typer.Option(min=1.0, metavar="SECONDS", help="Simulated time; default: 60, or that of the script."),
+        typer.Option(min=1.0, metavar="SECONDS", help="Time limit; default: 60 s, or that of the script."),
     ] = None,
     script: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What people do (YAML), instead of a random schedule.")

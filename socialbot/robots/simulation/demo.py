@@ -77,7 +77,7 @@ def size_of(text: str, *, where: str = "--size") -> tuple[int, int]:
 def demo(
     visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the people and what they do.")] = 0,
-    duration: Annotated[float, typer.Option(min=5.0, max=3600.0, metavar="SECONDS", help="Simulated time.")] = 60.0,
+    duration: Annotated[float, typer.Option(min=5.0, max=3600.0, metavar="SECONDS", help="Time limit, s.")] = 60.0,
 ) -> tuple[str, Graph]:
     """Waldo meets people in a simulated foyer: he turns to them, greets those who come, and leaves company alone."""
     return "Waldo in the foyer", simulation("foyer", people=visitors, seed=seed, duration_s=duration)
