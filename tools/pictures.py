@@ -106,6 +106,7 @@ def settled(page: Page, part: str) -> bytes:
     """Return the loaded page, or a part of it, as PNG."""
     page.wait_for_load_state("networkidle")
     page.mouse.move(0, 0)
+    page.evaluate("scrollTo(0, 0)")  # a click may have scrolled to what it hit
     page.wait_for_timeout(1000)
     found = page.locator(part).screenshot() if part else page.screenshot()
     page.close()
