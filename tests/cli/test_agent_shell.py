@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -123,7 +124,9 @@ def test_busy_agent_does_not_block_the_shell(monkeypatch):
     monkeypatch.setattr("socialbot.cli._agent_shell.PATIENCE_S", 0.1)
     session = Session("+!a <- .print(x); !a.")
     session.engine.out = lambda text: None
+    begin = time.process_time()
     assert "still busy" in session.type("!a")[-1]
+    assert time.process_time() - begin < 2.0
     assert "still busy" in session.type("time +1 s")[0]
 
 
