@@ -169,7 +169,7 @@ def test_a_director_that_begins_steps_without_a_look_at_their_conditions_is_caug
 
 def test_a_director_that_knows_no_causal_order_is_caught(monkeypatch):
     monkeypatch.setattr(merging, "_task_events", lambda numbered, tasks: ())
-    assert play(Story(seed=4, limit_s=30.0)).violations
+    assert play(Story(seed=4, limit_s=8.0)).violations
 
 
 def test_a_director_that_does_not_mind_silent_sensors_is_caught(monkeypatch):

@@ -56,10 +56,23 @@ def test_any_bytes_are_taken_or_refused(decoder: Decoder) -> None:
     holds()
 
 
-def test_nested_or_long_inputs_are_refused_in_time(decoder: Decoder) -> None:
-    for unit in (b"[", b"{", b'{"a":', b"(", b"- ", b"a: {", b"/* ", b" ", b"9", b'"', b"\xff", b"~"):
+JSON, OTHERS = (b"[", b'{"a":', b"9", b'"', b"\xff"), (b"{", b"(", b"- ", b"a: {", b"/* ", b" ", b"~")
+
+
+def check_repeated(decoder: Decoder, units: tuple[bytes, ...]) -> None:
+    for unit in units:
         for begin in (b"", *decoder.seeds[:1]):
             survives(decoder, begin + unit * (10_000 // len(unit)))
+
+
+def test_nested_or_long_inputs_are_refused_in_time(decoder: Decoder) -> None:
+    check_repeated(decoder, JSON if decoder.name.startswith("run-") else JSON + OTHERS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("run-")])
+def test_runs_of_other_formats_than_json_are_refused_in_time(name: str) -> None:
+    check_repeated(next(decoder for decoder in decoders() if decoder.name == name), OTHERS)
 
 
 @settings(quick, max_examples=60)
