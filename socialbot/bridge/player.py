@@ -120,7 +120,8 @@ class BagPlayer:
             recorded = bag.topic(name).type
             wanted = self._transport.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
             structured = wanted is message_class(STRING) and issubclass(kinds.get(topic, Structured), Structured)
-            delivery = _delivery(topic, recorded)
+            latched = graph is None and bag.is_latched(name)
+            delivery = Delivery.LATCHED if latched else _delivery(topic, recorded)
             self._senders[topic] = self._transport.advertise_class(
                 ros, topic, wanted, delivery, standard=not structured
             )

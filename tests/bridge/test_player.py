@@ -6,11 +6,16 @@ import logging
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.reader import open_bag
-from socialbot.bridge.player import PlaybackOptions, play_bag
+from socialbot.bags.writer import qos_of
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.player import BagPlayer, PlaybackOptions, play_bag
 from socialbot.core.errors import BagError
-from tests.bags.making_bags import make_mcap
+from socialbot.core.process import Ending
+from tests.bags.making_bags import START, make_mcap
 from tests.bags.test_bags import channel
 
 STRING = ("std_msgs/msg/String", "ros2msg", b"string data", "cdr", [b"\0\1\0\0\3\0\0\0hi\0"] * 3)
@@ -44,3 +49,18 @@ def test_topics_that_ros_cannot_have_are_named_and_the_others_are_played(
 def test_a_bag_without_a_topic_that_ros_can_have_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="no topic can be played"):
         play(make_mcap(tmp_path / "robot.mcap", "ros2", OTHERS))
+
+
+def test_topics_that_were_latched_are_played_latched(tmp_path: Path) -> None:
+    """Maps, descriptions of robots, and static transforms of a robot with a namespace: viewers start later."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / "robot", version=9) as writer:
+        for topic, latched in (("/robot_description", True), ("/chatter", False)):
+            qos = [qos_of(latched=latched)]
+            connection = writer.add_connection(topic, STRING[0], typestore=store, offered_qos_profiles=qos)
+            writer.write(connection, START, STRING[-1][0])
+    with open_bag(tmp_path / "robot") as bag, Ending(None).on_signals() as ending, spinning_node("player") as ros:
+        topics = {topic.name: topic.name for topic in bag.topics}
+        BagPlayer(ros, bag, topics, PlaybackOptions(), ending)
+        offered = {topic: ros.get_publishers_info_by_topic(topic)[0].qos_profile.durability.name for topic in topics}
+    assert offered == {"/robot_description": "TRANSIENT_LOCAL", "/chatter": "VOLATILE"}
