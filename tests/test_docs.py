@@ -333,6 +333,20 @@ def is_module(name: str) -> bool:
     return any((ROOT / "socialbot" / file).exists() for file in (name, f"{name}.py"))
 
 
+def sentences(text: str) -> list[str]:
+    """The sentences of a page outside of code, tables and headings; an item of a list ends one."""
+    prose = re.sub(r"^(?:#+ .*|\|.*|:::.*|(?: {4}|\t).*)$", "", FENCE.sub("", text), flags=re.MULTILINE)
+    prose = re.sub(r"`[^`\n]+`", "code", re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", prose))
+    parts = re.split(r"\n\s*\n|\n(?=\s*(?:-|\d+\.) )|(?<=[.!?])\s+(?=[A-Z`(])", prose)
+    return [part for part in parts if re.search(r"[a-z]", part)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_sentences_have_at_most_18_words_on_average(page):
+    lengths = [len(re.findall(r"[\w'-]+", each)) for each in sentences(text_of(page))]
+    assert sum(lengths) <= 18 * len(lengths)
+
+
 FOLDERS = "data|docs|evaluation|examples|interfaces|ros|socialbot|tests|tools"
 WRITTEN = re.compile(r"(?:Save this as|In) `([\w./-]+)`")
 """Files that the reader writes."""
