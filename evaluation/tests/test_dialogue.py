@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import random
 
+import pytest
+
 from evaluation.dialogue import damaged, measure, reception_script, unrelated
 
 
@@ -21,6 +23,7 @@ def test_errors_change_words():
     assert 50 < sum(word in words for word in changed) < 150
 
 
+@pytest.mark.slow
 def test_unrelated_sentences_are_not_understood():
     script = reception_script()
     texts = unrelated()

@@ -160,6 +160,7 @@ def joe() -> PiperVoice:
 class TestJoe:
     """The packaged voice."""
 
+    @pytest.mark.slow
     def test_gives_the_same_samples_each_time(self, joe: PiperVoice):
         assert np.array_equal(joe.say("Good morning.").samples, PiperVoice("piper:joe").say("Good morning.").samples)
 

@@ -307,7 +307,9 @@ def test_a_second_node_of_a_name_is_refused_in_the_same_domain_only(
     short_bag: Path, tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nodes of the same names in another domain neither stop a replay nor reach it."""
-    replay = ("replay", short_bag, "--runner", "ros", "--no-video", "--composed")
+    graph = detector_graph("Detector", tmp_path)
+    graph.write_text(graph.read_text().replace("  detector:", "  head:"))
+    replay = ("replay", short_bag, "--runner", "ros", "--no-video", "--composed", "--graph", graph)
     with running("node", "head"):
         assert eventually(lambda: "head" in onlooker.get_node_names())
         node = socialbot("node", "head")
@@ -330,6 +332,7 @@ def test_an_inline_replay_refuses_options_of_ros(short_bag: Path, options: tuple
     assert (done.returncode, f"{name}: only runs over ROS have this option" in done.stderr) == (4, True), done.stderr
 
 
+@pytest.mark.slow
 def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
     with running("node", "head") as head:
         assert eventually(lambda: endpoints(onlooker, "head"))
