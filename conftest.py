@@ -38,9 +38,10 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(claim.close)
     os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; there is no screen
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    if hasattr(config, "workerinput") and all(map(os.path.isdir, config.args)):
+    worker = getattr(config, "workerinput", None)
+    if worker and all(map(os.path.isdir, config.args)):
         files = sorted({str(path) for each in config.args for path in Path(each).rglob("test_*.py")})
-        first = len(files) * int(config.workerinput["workerid"][2:]) // config.workerinput["workercount"]
+        first = len(files) * int(worker["workerid"][2:]) // worker["workercount"]
         config.args[:] = files[first:] + files[:first]  # else each worker compiles all tests of a new clone
 
 
@@ -51,7 +52,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items.sort(key=lambda item: item.path)
     most = settings.default.max_examples  # type: ignore[attr-defined]
     for item in items if settings.get_current_profile_name() == "quick" else ():
-        test = getattr(getattr(item, "obj", None), "__func__", getattr(item, "obj", None))
+        obj: Any = getattr(item, "obj", None)
+        test: Any = getattr(obj, "__func__", obj)
         own = getattr(test, "_hypothesis_internal_use_settings", None)
         if own and own.max_examples > most:
             test._hypothesis_internal_use_settings = settings(own, max_examples=most)
