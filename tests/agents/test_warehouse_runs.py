@@ -238,8 +238,7 @@ def test_a_carrier_with_one_box_waits_for_a_gripper_that_answers():
     assert {node.world.status(carrier).current_name for carrier in waiting} == {"base"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["dies", "hangs"])
+@pytest.mark.parametrize("how", ["dies", pytest.param("hangs", marks=pytest.mark.slow)])
 def test_boxes_that_stay_on_a_carrier_are_reported_and_end_the_run(how: str):
     """A carrier that died, or hangs with its boxes, is asked ever more rarely, and then given up."""
     runner = InlineRunner(warehouse(6, faults="100 stalls carrier_a 100000" if how == "hangs" else ""))

@@ -197,7 +197,6 @@ def test_planning_for_many_boxes_and_all_stacks_takes_little_processor_time(boxe
     assert processor_s() - begun <= most_s
 
 
-@pytest.mark.slow
 def test_plans_are_shortened_whatever_the_deadline():
     domain, problem, deadline = warehouse(24, 12, all_stacks=False)
     for most_s in (deadline, 420.0, 100_000.0):
