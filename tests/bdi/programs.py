@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from hypothesis import strategies as st
 
 from socialbot.bdi import Plan, ask, send, test
@@ -184,12 +186,17 @@ def spoken(program: list[Plan]) -> list[Plan]:
 
 
 def can_be_spoken(program: list[Plan]) -> bool:
-    """Whether the text of a program means the same: it may add beliefs with variables, which fails in Python."""
+    """Whether the text of a program means the same.
+
+    It may add beliefs with variables, and compare variables without a value, which fails in Python. ``X = Y`` may leave
+    two without one.
+    """
     steps = [(plan, step) for plan in program for step in steps_in(plan.body)]
     added = [(plan, names_in(step.literal)) for plan, step in steps if isinstance(step, Update)]
     asks_openly = any(isinstance(step, Achieve) and names_in(step.goal) for _, step in steps)
     return not (
-        any(isinstance(step, Forget) for _, step in steps)
+        any(re.search(r"\b[XYZ] = [XYZ]\b", agentspeak(plan)) for plan in program)
+        or any(isinstance(step, Forget) for _, step in steps)
         or any(names and (asks_openly or names - names_in(plan.event)) for plan, names in added)
     )
 
