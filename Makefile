@@ -32,8 +32,8 @@ SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune sc
 PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
 MACHINES := tests/system/test_deployment.py::test_two_machines_run_one_graph
 JOBS ?= 2
-# One more than processors: system tests wait for other processes.
-WORKERS ?= 3
+# More than processors: system tests wait for other processes.
+WORKERS ?= 4
 SECONDS ?= 30
 # Without the compiled files, each of the many processes that tests start would compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE
