@@ -49,7 +49,7 @@ EXTRAS := bench dask dev evaluation foxglove hear-model onnx project rerun sim s
 setup: $(VENV)/installed
 	@[ -z "$(NAMED)" ] || $(PYTHON) -c 'import os, sys; here = "%d.%d" % sys.version_info[:2]; sys.exit( \
 	  0 if os.path.isdir("$(VENV)/lib/python" + here) \
-	  else "error: $(VENV) is not of Python " + here + "; to make it anew, remove it first: rm -r $(VENV)")'
+	  else "error: $(VENV) was made with another Python than " + here + "; remove it first: rm -r $(VENV)")'
 
 # The venv gets no pip of its own: a Debian without python3-venv has none to give.
 $(VENV)/installed: requirements.lock pyproject.toml

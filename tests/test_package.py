@@ -105,7 +105,7 @@ def test_make_refuses_a_python_that_is_not_that_of_the_environment(target: str, 
     done = make(made, target, f"PYTHON={sys.executable}")
     assert done.returncode
     python = "{}.{}".format(*sys.version_info)
-    assert f"error: .venv is not of Python {python}; to make it anew, remove it first: rm -r .venv\n" in done.stderr
+    assert f"error: .venv was made with another Python than {python}; remove it first: rm -r .venv\n" in done.stderr
     assert sorted(path.name for path in (made / ".venv").iterdir()) == ["installed", "lib", "tools-installed"]
     assert make(made, target, PYTHON=sys.executable).stderr == done.stderr
 

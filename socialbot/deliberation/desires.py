@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -89,7 +89,7 @@ class DesireBase:
         self._order: list[DesireState] = []
         self._by_name: dict[str, DesireState] = {}
         self._readers: dict[Hashable, dict[DesireState, bool]] = {}
-        self._children: dict[Hashable, dict[DesireState, bool]] = {}
+        self._children: dict[Hashable, dict[DesireState, None]] = {}
         self._count = 0
 
     def __iter__(self) -> Iterator[DesireState]:
@@ -120,7 +120,7 @@ class DesireBase:
         for key, fulfils in _keys_in(desire).items():
             self._readers.setdefault(key, {})[state] = fulfils
         if desire.parent:
-            self._children.setdefault(desire.parent, {})[state] = False
+            self._children.setdefault(desire.parent, {})[state] = None
         return state
 
     def revise(self, state: DesireState, priority: float, deadline: float) -> None:
@@ -179,7 +179,7 @@ def _keys_of(fact: Fact) -> Iterator[Hashable]:
         yield (INSTANCE,)  # it stands for any of the objects that there are
 
 
-def _discard(index: dict[Hashable, dict[DesireState, bool]], key: Hashable, state: DesireState) -> None:
+def _discard(index: dict[Hashable, dict[DesireState, Any]], key: Hashable, state: DesireState) -> None:
     del index[key][state]
     if not index[key]:
         del index[key]

@@ -523,7 +523,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         DoNothing() >> [stayIdle()],
         GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
         GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
-        # A greeting is heard by all people who are present, or who appear while it is said.
+        # People hear a greeting if they are present, or if they appear while it is said.
         +greeted(Who) / ((Who != SOMEBODY) & ~hears(Who))
         >> [+hello("said"), for_each(present(Other), [+hears(Other)])],
         +present(Who) / ((Who != SOMEBODY) & hello("said")) >> [+hears(Who)],
