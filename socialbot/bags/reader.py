@@ -56,6 +56,9 @@ __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTop
 
 log = logging.getLogger("socialbot.bags")
 
+_reported: set[tuple[Path, str]] = set()
+"""Damage that was logged, by bag: a command opens its bag several times, but says this once."""
+
 T = TypeVar("T")
 
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
@@ -121,7 +124,10 @@ def open_bag(path: str | Path) -> Bag:
         bag.close()
         raise BagError("the bag holds no messages", where=str(path), remedy="record again while the robot publishes")
     for what in damage:
-        log.warning("%s", what)
+        key = (path.resolve(), what.removeprefix(str(path)))
+        if key not in _reported:
+            _reported.add(key)
+            log.warning("%s", what)
     return bag
 
 

@@ -99,9 +99,14 @@ def replay_bag(
 def _opened(bag: options.BagArgument, graph: options.BagGraphOption = None) -> tuple[Path, Graph]:
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.graph.files import load_graph
-    from socialbot.runtime.bag_source import graph_of
+    from socialbot.runtime.bag_source import BAG_GRAPH, graph_of
 
-    return bag, load_graph(graph) if graph else graph_of(bag)
+    if graph:
+        return bag, load_graph(graph)
+    chosen = graph_of(bag)
+    if bag.exists() and not (bag / BAG_GRAPH).is_file():
+        print_line(f"{bag} has no graph of its own: it goes through {chosen.name} (--graph GRAPH: another)", err=True)
+    return bag, chosen
 
 
 replay = options.command_of(_opened, ("bag", "graph"), replay_bag)

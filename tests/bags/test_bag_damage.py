@@ -77,6 +77,20 @@ def test_truncated_mcap_file_is_read_as_far_as_it_is_whole(tmp_path: Path) -> No
     assert lengths[0] > 0
 
 
+def test_damage_of_a_file_is_reported_once_in_a_process(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = (make(tmp_path / "bag", count=4) / "bag.mcap").read_bytes()
+    monkeypatch.chdir(tmp_path)
+    with caplog.at_level(logging.WARNING):
+        for length in (len(data) - 9, len(data) - 400):
+            Path("cut.mcap").write_bytes(data[:length])
+            for path in ("cut.mcap", tmp_path / "cut.mcap"):
+                with open_bag(path) as bag:
+                    assert "truncated" in bag.damage[0]
+    assert len([record for record in caplog.records if "truncated" in record.message]) == 2
+
+
 def test_cut_through_the_index_costs_no_image(tmp_path: Path) -> None:
     data = (make(tmp_path / "bag", count=4, size=(600, 600)) / "bag.mcap").read_bytes()
     file = tmp_path / "cut.mcap"

@@ -81,6 +81,7 @@ def test_finds_the_images_of_a_run_from_any_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = socialbot_here("replay", "visit", "--runner", "inline", "--no-video", "--out", "run")
     assert done.returncode == 0, done.stderr
+    assert "visit has no graph of its own: it goes through waldo" in done.stderr
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     with recorded(tmp_path / "run") as run:
