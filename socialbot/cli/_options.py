@@ -194,6 +194,24 @@ def many(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def expect_effect(context: typer.Context, names: Collection[str], when: str) -> None:
+    """Refuse options on the command line that change nothing.
+
+    Args:
+        names: Parameters of the command.
+        when: Circumstances, such as ``without --inspect``.
+
+    Raises:
+        ParameterError: One of ``names`` is given.
+    """
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is not None and source.name == "COMMANDLINE":
+            _, without, other = when.rpartition("without ")
+            remedy = f"add {other}, or leave it out" if without else "leave it out"
+            raise ParameterError(f"without effect {when}", where=max(parameter.opts, key=len), remedy=remedy)
+
+
 def times(count: int) -> str:
     """Return how often something happened."""
     return "once" if count == 1 else f"{count} times"

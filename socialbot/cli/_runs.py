@@ -13,7 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.cli._options import expect_effect
+from socialbot.core.errors import SocialbotError
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
@@ -25,15 +26,7 @@ if TYPE_CHECKING:
     from socialbot.vision.metrics.scores import Scores
 
 MAX_PAGE_BYTES = 20_000_000  # maximum trace size of a live run for a page; a longer trace would delay the exit
-
-
 ROS_OPTIONS = ("composed", "domain", "pace")  # options of runs over DDS only
-
-
-def given_options(context: typer.Context, names: Sequence[str]) -> list[str]:
-    """Return those of the options ``names`` that the command line gives."""
-    sources = ((name, context.get_parameter_source(name)) for name in names)
-    return [name for name, source in sources if source is not None and source.name == "COMMANDLINE"]
 
 
 def enter_domain(
@@ -51,9 +44,7 @@ def enter_domain(
         ParameterError: An option of `only_ros` is given for an inline run.
     """
     if runner != "ros":
-        for name in given_options(context, only_ros):
-            remedy = "add --runner ros, or leave it out"
-            raise ParameterError("only runs over ROS have this option", where=f"--{name}", remedy=remedy)
+        expect_effect(context, only_ros, "without --runner ros")
         return
     from socialbot.bridge.environment import own_domain
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from socialbot.cli._console import print_line
+from socialbot.cli._options import expect_effect
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def root() -> None:
 
 @agent.command()
 def shell(
+    context: typer.Context,
     files: Annotated[list[Path] | None, typer.Argument(metavar="FILE.asl", help="AgentSpeak files.")] = None,
     load: Annotated[
         str | None,
@@ -46,6 +48,8 @@ def shell(
     from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import ManualClock, WallClock
 
+    if load is not None:
+        expect_effect(context, ("name",), "with --load, whose agent has one")
     logging.getLogger("socialbot.bdi").addHandler(logging.NullHandler())  # the shell shows failures itself
     engine = _engine(load, name, ManualClock() if clock == "simulated" else WallClock())
     opened = Shell(engine, write_line=print_line)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from socialbot.bags import codec
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import BagArgument, ParentOption, bar, many, plain_table
+from socialbot.cli._options import BagArgument, ParentOption, bar, expect_effect, many, plain_table
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
@@ -38,6 +38,7 @@ DurationOption = Annotated[float | None, typer.Option(metavar="SECONDS", help="T
 
 @bag.command()
 def play(
+    context: typer.Context,
     path: BagArgument,
     graph: Annotated[str | None, typer.Option(help="Graph to wait for; its topics get the messages.")] = None,
     image_topic: Annotated[str | None, typer.Option(help="Image topic of the bag for the graph.")] = None,
@@ -54,6 +55,8 @@ def play(
     from socialbot.bridge.player import PlaybackOptions, play_bag
     from socialbot.graph.files import load_graph
 
+    if graph is None:
+        expect_effect(context, ("image_topic", "pace"), "without --graph")
     with open_bag(path) as opened:
         if graph is None:
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}
@@ -108,6 +111,7 @@ def info(
 
 @bag.command(name="import")
 def import_(
+    context: typer.Context,
     source: Annotated[str, typer.Argument(help="Video file, folder of images, or camera (0, /dev/video0).")],
     out: OutArgument,
     image_rate: Annotated[float, typer.Option(help="Image rate of a folder, Hz.")] = 10.0,
@@ -126,6 +130,10 @@ def import_(
     from socialbot.vision.camera import shape_problem
     from socialbot.vision.camera_node import is_device, open_frames
 
+    if is_device(source):
+        expect_effect(context, ("image_rate", "start", "sound"), "for a camera")
+    elif not Path(source).is_dir():
+        expect_effect(context, ("image_rate",), "for a video, which has time stamps")
     with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:
         made = import_bag(
             source,
@@ -153,6 +161,7 @@ def import_(
 
 @bag.command()
 def record(
+    context: typer.Context,
     out: OutArgument,
     topics: Annotated[list[str] | None, typer.Option(help="Topic, repeatable; default: all.")] = None,
     duration: DurationOption = None,
@@ -166,6 +175,8 @@ def record(
     """Record ROS topics, until Ctrl-C or for a duration."""
     from socialbot.bridge import recorder
 
+    if privacy == "none":
+        expect_effect(context, ("graph",), "without --privacy")
     console = Console()
     target = out if privacy == "none" else out.with_name(f"{out.name}.original")
     if target != out and out.exists():
@@ -232,6 +243,7 @@ def convert(
 
 @bag.command()
 def redact(
+    context: typer.Context,
     source: BagArgument,
     out: OutArgument,
     privacy: Annotated[
@@ -253,6 +265,8 @@ def redact(
     """
     from socialbot.runtime.redaction import redact as make
 
+    if privacy == "no-images":
+        expect_effect(context, ("whole",), "with --privacy no-images")
     with bar("redacting", "images") as advance:
         made = make(source, out, privacy, whole=whole, graph=graph, storage=storage, advance=advance)
     _print_redaction(Console(soft_wrap=True), made)

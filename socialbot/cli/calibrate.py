@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import many
+from socialbot.cli._options import expect_effect, many
 
 if TYPE_CHECKING:
     import numpy as np
@@ -137,6 +137,7 @@ def _camera_views(device: str, seconds: float) -> Iterator[_View]:
 
 
 def calibrate(
+    context: typer.Context,
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help="Bag, camera (its index or device file), or live ROS image topic.")
     ],
@@ -159,6 +160,7 @@ def calibrate(
 
     console = Console()
     live = is_device(source) or (source.startswith("/") and not Path(source).exists())
+    expect_effect(context, ("image_topic",) if live else ("seconds",), f"for a {'camera or topic' if live else 'bag'}")
     if live:
         what = f"camera {source}" if is_device(source) else source
         console.print(f"watching {what} for {seconds:g} s: walk through its view, from head to feet", soft_wrap=True)

@@ -19,7 +19,7 @@ from rich.text import Text
 from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding
 from socialbot.cli._console import Console
-from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
+from socialbot.cli._options import JsonOption, RobotOption, expect_effect, graph_names, many
 from socialbot.cli._runs import print_json
 from socialbot.core.errors import DeviceError, GraphError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command, installed_version, pip_command
@@ -275,6 +275,7 @@ WIDEST = 100
 
 
 def doctor(
+    context: typer.Context,
     checked: Annotated[
         str | None,
         typer.Argument(
@@ -292,6 +293,8 @@ def doctor(
     if checked is not None and robot is not None:
         what = "a graph and a robot are checked one by one"
         raise ParameterError(what, where="--robot", remedy="leave out one of them")
+    if checked is not None or robot is not None:
+        expect_effect(context, ("quick", "graph"), f"for a {'graph' if robot is None else 'robot'}")
     console = Console()
     findings: list[Finding] = []
     with console.status("examining"):

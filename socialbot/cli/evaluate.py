@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import CORES, bar
+from socialbot.cli._options import CORES, bar, expect_effect
 from socialbot.core.errors import ParameterError
 from socialbot.core.paths import writing
 
@@ -29,6 +29,7 @@ PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
 
 def evaluate(
+    context: typer.Context,
     bags: Annotated[
         list[Path] | None, typer.Argument(metavar="BAG", help="Bags with ground truth, or labelled data sets.")
     ] = None,
@@ -91,6 +92,12 @@ def evaluate(
     from socialbot.vision.metrics.matches import Rules, parse_bands
     from socialbot.vision.metrics.pipeline import with_distances
 
+    if not speed:
+        expect_effect(context, ("threads",), "with --no-speed")
+    if scheduler is not None:
+        expect_effect(context, ("jobs",), "with --scheduler")
+    if images is None and not format and all(map(_is_bag, bags or [])):
+        expect_effect(context, ("people",), "for bags, which label people only")
     errors = Console(stderr=True)
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], tracking=tracking)

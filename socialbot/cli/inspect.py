@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import typer
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import PORT, MachineOption, PortOption, join, run_folders
+from socialbot.cli._options import PORT, MachineOption, PortOption, expect_effect, join, run_folders
 from socialbot.cli._runs import print_problems
 from socialbot.core.paths import user_folder, writing
 from socialbot.core.process import Ending
@@ -44,6 +44,7 @@ INLINE = "the inline runner takes no requests from people: use --runner ros"
 
 
 def inspect(
+    context: typer.Context,
     what: Annotated[
         str | None,
         typer.Argument(
@@ -67,6 +68,7 @@ def inspect(
             run, commands = stack.enter_context(attached(what, machine))
             title = f"{run.title}, live"
         else:
+            expect_effect(context, ("machine",), "for a recorded run")
             run, commands = stack.enter_context(recorded(None if what is None else Path(what))), None
             print_problems(run)
             title = str(run.folder)

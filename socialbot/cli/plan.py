@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import JsonOption, many
+from socialbot.cli._options import JsonOption, expect_effect, many
 from socialbot.cli._runs import print_json
 from socialbot.core.errors import NodeError, PlanningError
 from socialbot.core.paths import read_text
@@ -31,6 +31,7 @@ NOT_VALID = 12  # exit code: the plan does not reach the goal
 
 
 def plan(
+    context: typer.Context,
     domain: Annotated[Path, typer.Argument(metavar="DOMAIN", help="PDDL domain.")],
     problem: Annotated[Path, typer.Argument(metavar="PROBLEM", help="PDDL problem.")],
     planner: Annotated[str, typer.Option(metavar="NAME", help="kairos, popf, popf:PATH or up:ENGINE.")] = "kairos",
@@ -51,6 +52,7 @@ def plan(
     known = read_domain(read_text(domain, PlanningError), where=str(domain))
     asked = read_problem(read_text(problem, PlanningError), known, where=str(problem))
     if validate is not None:
+        expect_effect(context, ("planner", "timeout", "memory"), "with --validate")
         _validate(known, asked, validate, deadline, as_json)
         return
     from socialbot.planning.pddl.reachability import functions_without_values

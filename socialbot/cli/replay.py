@@ -64,6 +64,10 @@ def replay_bag(
 
     console = Console()
     enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"), verbose=verbose)
+    if runner == "ros":
+        options.expect_effect(context, ("cache",), "with --runner ros")
+    if not show_page:
+        options.expect_effect(context, ("port",), "without --inspect")
     whole = with_changes(graph, changes or [])
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()

@@ -61,6 +61,8 @@ def simulate(
     from socialbot.runtime.run import run as run_graph
     from socialbot.runtime.simulated_source import SimulatedSource, image_topics
 
+    if not show_page:
+        options.expect_effect(context, ("port",), "without --inspect")
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console()
     enter_domain(context, console, domain, runner, verbose=verbose)

@@ -19,8 +19,13 @@ EXAMPLES = (
 
 
 def _place(
-    place: Annotated[Literal["corridor", "foyer", "office"], typer.Argument(help="Place.")] = "foyer",
-    visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
+    place: Annotated[
+        Literal["corridor", "foyer", "office"] | None,
+        typer.Argument(help="Place; default: that of the script, or foyer."),
+    ] = None,
+    visitors: Annotated[
+        int | None, typer.Option(min=0, max=26, help="Number of people of a random schedule; default: 8.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
     duration: Annotated[
         float | None,
@@ -45,25 +50,39 @@ def _place(
 
     The same options and seed give the same bag.
     """
-    from socialbot.core.errors import BagError
+    from socialbot.core import paths
+    from socialbot.core.errors import BagError, ParameterError
     from socialbot.robots.simulation.demo import simulation, size_of
+    from socialbot.robots.simulation.people import read_script
 
     width, height = size_of(size)
     if record is not None and record.exists():
         raise BagError("exists already", where=str(record), remedy="give another path to --record, or remove it")
+    if control != "waldo" and perception == "truth":
+        raise ParameterError(
+            "nobody takes detections without an agent", where="--perception truth", remedy="omit it or --control"
+        )
+    if script is not None:
+        if visitors is not None:
+            raise ParameterError("the script names its people", where="--visitors", remedy="omit it or --script")
+        named = read_script(paths.read_text(script, ParameterError), where=str(script)).place
+        if place not in (None, named):
+            raise ParameterError(f"is not the place of {script}, {named!r}", where=place, remedy=f"omit {place}")
+    else:
+        named = place or "foyer"
     graph = simulation(
-        place,
+        named,
         head=control,
         perception=perception,
         script=script,
-        people=visitors,
+        people=8 if visitors is None else visitors,
         seed=seed,
         duration_s=(60.0 if script is None else 0.0) if duration is None else duration,
         width=width,
         height=height,
         rate_hz=fps,
     )
-    return f"People in the {place}", graph, record
+    return f"People in the {named}", graph, record
 
 
 sim = options.command_of(_place, ("title", "graph", "bag_path"), simulate, without=("bag",), limit=86400.0)

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import JsonOption, expect_no_machine, graph_names, join, times
+from socialbot.cli._options import JsonOption, expect_effect, expect_no_machine, graph_names, join, times
 from socialbot.cli._runs import print_json
 from socialbot.core.messages import Health, Message
 from socialbot.core.process import Ending
@@ -50,6 +50,7 @@ REFRESH_S = 0.5
 
 
 def status(
+    context: typer.Context,
     file: Annotated[
         str | None, typer.Argument(help="Deployment file, graph file or built-in graph.", autocompletion=graph_names)
     ] = None,
@@ -64,6 +65,8 @@ def status(
 
     With a FILE it reports missing nodes. Without one it shows all nodes in the ROS domain.
     """
+    if watch:
+        expect_effect(context, ("as_json", "wait"), "with --watch")
     form, machines = "json", {}
     if file is None:
         expect_no_machine(machine)
@@ -73,7 +76,7 @@ def status(
     roll = NodeStatuses(machines)
     console = Console()
     with Ending().on_signals() as ending, calling(roll, form):
-        if watch and not as_json:
+        if watch:
             _watch(roll, ending, console)
         else:
             _listen(roll, ending, wait)

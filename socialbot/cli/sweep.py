@@ -30,6 +30,7 @@ PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
 
 def sweep(
+    context: typer.Context,
     bags: Annotated[list[Path], typer.Argument(metavar="BAG...", help="Bags to replay with each setting.")],
     changes: Annotated[
         list[str] | None,
@@ -76,6 +77,10 @@ def sweep(
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.sweeps import SweepPlan, SweepRunner, parse_variation
 
+    if method not in ("random", "sobol"):
+        options.expect_effect(context, ("samples", "seed"), f"with --method {method}")
+    if scheduler is not None:
+        options.expect_effect(context, ("jobs",), "with --scheduler")
     if not changes:
         raise ParameterError("nothing to vary", where="--set", remedy="write --set NODE.PARAMETER=LOW:HIGH:STEP")
     variations = [parse_variation(change) for change in changes]

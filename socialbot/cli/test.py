@@ -78,17 +78,17 @@ def test(
 
     Exit code 1: an expectation failed.
     """
-    from socialbot.cli._runs import enter_domain, given_options
+    from socialbot.cli._runs import enter_domain
     from socialbot.core.errors import ParameterError
     from socialbot.runs.expectations.checking import load_behaviours
 
     expectations = [each for each in load_behaviours(behaviours) if only in each.name]
     if not expectations:
         raise ParameterError(f"no expectation has {only!r} in its name", where="--only", remedy="leave it out")
-    for name in given_options(context, ("machine",) if live is None else _WITHOUT_LIVE):
-        what = f"without effect {'without' if live is None else 'with'} --live"
-        raise ParameterError(what, where=f"--{name}", remedy="leave it out")
-    if live is not None:
+    if live is None:
+        options.expect_effect(context, ("machine",), "without --live")
+    else:
+        options.expect_effect(context, _WITHOUT_LIVE, "with --live")
         if sources:
             raise ParameterError("a running graph is tested alone", where="--live", remedy="leave out the others")
         raise typer.Exit(_monitor(expectations, live, machine, changes or []))
@@ -100,6 +100,8 @@ def test(
 
     console = Console(soft_wrap=True)
     enter_domain(context, console, domain, runner, ("domain",), verbose=verbose)
+    if runner == "ros":
+        options.expect_effect(context, ("cache",), "with --runner ros")
     trials = [Trial(each, None, tuple(changes or ()), runner, limit, cache) for each in sources]
     bags = [each for each in trials if each.is_bag]
     trials = [replace(each, graph=graph) if each in bags or not bags else each for each in trials]

@@ -62,6 +62,10 @@ def up(
     from socialbot.runtime.machine import LiveSource, machine_source
     from socialbot.runtime.run import new_run_folder, run
 
+    if not show_page:
+        options.expect_effect(context, ("port",), "without --inspect")
+    if not show_foxglove:
+        options.expect_effect(context, ("foxglove_host", "foxglove_port"), "without --foxglove")
     changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
     folder, console = out or new_run_folder(), Console(soft_wrap=True, lossy=True)
     with ExitStack() as stack:

@@ -255,9 +255,7 @@ class SimulatedPlace(Node):
             duration = self.duration_s or 60.0
             return Schedule(self.place, place, people=self.people, duration_s=duration, seed=self.seed).script()
         path = paths.in_workspace(Path(self.script).expanduser(), where=f"{self.name}.script")
-        script = read_script(paths.read_text(path, ParameterError), where=str(path))
-        load_place(script.place)
-        return script
+        return read_script(paths.read_text(path, ParameterError), where=str(path))
 
     @cached_property
     def scene(self) -> Scene:

@@ -15,7 +15,7 @@ import numpy as np
 from socialbot.core.errors import ParameterError, suggestion
 from socialbot.core.yaml import read_page
 from socialbot.robots.simulation.figure import Looks, random_looks
-from socialbot.robots.simulation.place import Door, Place, Spot
+from socialbot.robots.simulation.place import Door, Place, Spot, place_names
 from socialbot.robots.simulation.posture import Stance
 
 ROBOT, WALL = "robot", "wall"
@@ -89,6 +89,9 @@ def read_script(text: str, *, where: str) -> Script:
     """Read a script from YAML. Raises ParameterError if it is none."""
     root = read_page(text, where=where, error=ParameterError)
     script = root.read(Script)
+    if script.place not in place_names():
+        what, remedy = f"there is no place {script.place!r}", suggestion(script.place, place_names())
+        raise ParameterError(what, where=root.line("place"), remedy=remedy)
     names = [actor.id for actor in script.people]
     if len(set(names)) < len(names) or ROBOT in names:
         raise ParameterError(f"ids of people must differ, and none is {ROBOT!r}", where=root.line("people"))

@@ -148,6 +148,7 @@ def test_schedules_depend_on_the_seed_alone_and_keep_people_apart(place):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (("place: foyer", "place: attic"), "script:2: there is no place 'attic'"),
         (("walk: robot_1", "walk: nowhere"), "there is no spot 'nowhere'"),
         (("sit: bench_1", "sit: throne"), "there is no seat 'throne'"),
         (("enter: office", "enter: window"), "there is no door 'window'"),
