@@ -168,6 +168,15 @@ class _PunctualProtocol(H11Protocol):
             self.transport.close()
 
 
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Return False for what uvicorn logs of each request that the end of the server breaks off."""
+    broken_off = record.exc_info is not None and isinstance(record.exc_info[1], asyncio.CancelledError)
+    return not (broken_off or str(record.msg).startswith("Cancel %s running task"))
+
+
+logging.getLogger("uvicorn.error").addFilter(_is_fault)
+
+
 class _Uvicorn(uvicorn.Server):
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)

@@ -151,3 +151,21 @@ def test_large_body_is_refused(port: int, size: str) -> None:
     with connection(port, POST + size.encode() + b"\r\n\r\n") as made:
         made.sendall(body)
         assert made.recv(65536).startswith(b"HTTP/1.1 413 ")
+
+
+def test_the_end_of_the_server_logs_nothing_of_requests_that_it_breaks_off(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun, over = threading.Event(), threading.Event()
+
+    def wait_for_the_end(*_: object) -> None:
+        begun.set()
+        over.wait(30.0)
+
+    monkeypatch.setattr(LiveRun, "picture", wait_for_the_end)
+    with serving(LiveRun(load_graph("waldo")), Address(port=0)) as served:
+        made = connection(urlsplit(served.url).port or 0, b"GET /api/picture HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert begun.wait(30.0)
+    over.set()
+    made.close()
+    assert caplog.records == []
