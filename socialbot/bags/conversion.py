@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import logging
 import math
 import shutil
@@ -17,8 +18,9 @@ import numpy as np
 
 from socialbot.bags import codec
 from socialbot.bags.image_files import SUFFIXES, open_video, read_depth, read_image, unread_images, video_stamps
-from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
+from socialbot.bags.reader import Bag, RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
+from socialbot.bags.video_packets import DECODED_TYPES, decoded_images, image_topic_of
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError
@@ -340,21 +342,33 @@ class Conversion:
     skipped: dict[str, Skipped] = field(default_factory=dict)
 
 
-def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage: str = "mcap") -> Conversion:
+def convert_bag(
+    source: str | Path, out: str | Path, form: WireForm | None, *, decode: bool = False, storage: str = "mcap"
+) -> Conversion:
     """Write the bag ``source`` as the new bag ``out``, with structured messages in ``form``.
 
-    The conversion is lossless: it copies other messages, and other files in the folder of the bag, such as its graph.
+    Other messages are copied, and other files in the folder of the bag, such as its graph. So nothing is lost, but the
+    packets of decoded video.
+
+    Args:
+        form: Form of structured messages; None leaves them as they are.
+        decode: Whether JPEG images replace the packets of `DECODED_TYPES`.
 
     Raises:
-        BagError: ``source`` cannot be read, or ``out`` exists or cannot be written.
+        BagError: ``source`` cannot be read or has no video to decode, or ``out`` exists or cannot be written.
+        InstallationError: Video is decoded, and PyAV is missing.
     """
     types = RosbagsTypes()
     source = Path(source)
     with open_bag(source) as bag, BagWriter(out, storage=storage, only_whole=True) as writer:
         made = Conversion(writer.path, skipped=bag.skipped)
         latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
-        for topic, time, name, data in bag.raw_messages({each.name: each.name for each in bag.topics}):
-            if name == codec.STRING or name in codec.typed_messages():
+        videos = _videos(bag) if decode else []
+        copied = bag.raw_messages({each.name: each.name for each in bag.topics if each.name not in videos})
+        for topic, time, name, data in heapq.merge(
+            copied, _decoded(types, bag, videos, made), key=lambda item: item[1]
+        ):
+            if form is not None and (name == codec.STRING or name in codec.typed_messages()):
                 try:
                     name, data, changed = _converted(types, name, data, form)
                     made.converted += changed
@@ -362,7 +376,7 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
                     made.kept.setdefault(topic, Skipped(0, str(error))).count += 1
             definition, type_hash = bag.definition(name)
             writer.write_raw(
-                topic, name, data, time, latched=latched[topic], type_hash=type_hash, definition=definition
+                topic, name, data, time, latched=latched.get(topic, False), type_hash=type_hash, definition=definition
             )
             made.messages += 1
         for file in source.iterdir() if source.is_dir() else ():
@@ -370,6 +384,26 @@ def convert_bag(source: str | Path, out: str | Path, form: WireForm, *, storage:
                 with writing(writer.path / file.name, BagError):
                     shutil.copyfile(file, writer.path / file.name)
     return made
+
+
+def _videos(bag: Bag) -> list[str]:
+    """Topics of ``bag`` whose video is decoded. Raises BagError if there are none, or their images have no topic."""
+    videos = [topic.name for topic in bag.topics if topic.type in DECODED_TYPES and topic.count]
+    taken = sorted({image_topic_of(name) for name in videos} & {topic.name for topic in bag.topics if topic.count})
+    if not videos or taken:
+        what = f"has messages on {taken[0]} already" if taken else "has no video packets that can be decoded"
+        raise BagError(what, where=str(bag.path), remedy=f"known are {' and '.join(DECODED_TYPES)}")
+    return videos
+
+
+def _decoded(
+    types: RosbagsTypes, bag: Bag, videos: Sequence[str], made: Conversion
+) -> Iterator[tuple[str, int, str, bytes]]:
+    """Yield topic, time, type and bytes of the images of ``videos``."""
+    for topic, time, image in decoded_images(bag, videos, made.skipped):
+        ros_message = codec.encode(image, types)
+        made.converted += 1
+        yield topic, time, ros_message.__msgtype__, types.serialize(ros_message)
 
 
 def _converted(types: RosbagsTypes, name: str, data: bytes, form: WireForm) -> tuple[str, bytes, bool]:

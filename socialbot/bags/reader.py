@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
@@ -62,11 +62,9 @@ _reported: set[tuple[Path, str]] = set()
 T = TypeVar("T")
 
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
-VIDEO_TYPES = (
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
-    "foxglove_msgs/msg/CompressedVideo",
-    "theora_image_transport/msg/Packet",
-)
+FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
+VIDEO_TYPES = (FFMPEG_PACKET, FOXGLOVE_VIDEO, "theora_image_transport/msg/Packet")
 SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
 """Types whose header has the time of a measurement; latched types may be older than their reception."""
 
@@ -282,7 +280,9 @@ class Bag(AbstractContextManager["Bag"]):
             if empty:
                 remedy = f"record while the camera publishes: no messages on {', '.join(empty)}"
             if videos := [topic.name for topic in self._filled(*VIDEO_TYPES)]:
-                remedy = f"republish {', '.join(videos)} as raw or JPEG images, since video packets are not decoded"
+                remedy = f"republish {', '.join(videos)} as raw or JPEG images"
+            if self._filled(FFMPEG_PACKET, FOXGLOVE_VIDEO):
+                remedy = f"decode its video first: socialbot bag convert {self.path} NEW --decode"
             raise self._refused(f"the bag has no images{depth}", remedy)
         assert wanted is not None
         known = wanted in self._names()
@@ -366,16 +366,20 @@ class Bag(AbstractContextManager["Bag"]):
         Raises:
             BagError: A topic is missing, its type is unknown, or the file is truncated.
         """
-        for name in topics:
-            problem = None if self.topic(name).type in codec.decodable_types() else self._type_problem(name)
-            if problem is not None:
-                raise self._refused(f"the type of {name}, {self.topic(name).type}, {problem.what}", problem.remedy)
+        self._expect_known_types(topics, codec.decodable_types())
         decoded = self._decoded(topics, kinds or {})
         depth = {topic for topic in topics.values() if (kinds or {}).get(topic) in MEASURED}
         if not depth:
             return decoded
         pictures = {topic for name, topic in topics.items() if self.topic(name).type in IMAGE_TYPES} - depth
         return depth_first(decoded, lambda each: (each[0], each[1].stamp), depth, pictures)
+
+    def _expect_known_types(self, names: Collection[str], known: Collection[str]) -> None:
+        """Raise BagError if a topic is missing, or its type is neither ``known`` nor defined."""
+        for name in names:
+            problem = None if self.topic(name).type in known else self._type_problem(name)
+            if problem is not None:
+                raise self._refused(f"the type of {name}, {self.topic(name).type}, {problem.what}", problem.remedy)
 
     def _type_problem(self, name: str) -> TypeProblem | None:
         """Reason why messages of a topic cannot be read."""
@@ -465,6 +469,18 @@ class Bag(AbstractContextManager["Bag"]):
                     yield topics[connection.topic], time, connection.msgtype, cdr
 
         return read()
+
+    def ros_messages(self, names: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+        """Yield topic, time of reception (ns) and deserialized message of the topics ``names``, of any type.
+
+        Raises:
+            BagError: A topic is missing, its type is unknown, or the file is truncated.
+        """
+        self._expect_known_types(names, ())
+        for connection, time, data in self._read(names):
+            message = self._attempt(connection, functools.partial(deserialize, connection, data))
+            if message is not None:
+                yield connection.topic, time, message
 
     def check(self) -> Mapping[str, Skipped]:
         """Read all messages, and return the damaged ones by topic. Raises BagError if a file is truncated."""

@@ -15,7 +15,7 @@ from socialbot.bags import codec
 from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import BagArgument, ParentOption, bar, expect_effect, many, plain_table
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import BagError, ImageError
+from socialbot.core.errors import BagError, ImageError, ParameterError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
 
@@ -224,21 +224,27 @@ def convert(
     source: BagArgument,
     out: OutArgument,
     wire: Annotated[
-        Literal["json", "typed"], typer.Option(help="json: text in std_msgs/String; typed: socialbot_msgs.")
-    ],
+        Literal["json", "typed"] | None,
+        typer.Option(help="Structured messages: json: text in std_msgs/String; typed: socialbot_msgs."),
+    ] = None,
+    decode: Annotated[bool, typer.Option("--decode", help="Replace video packets by JPEG images (PyAV).")] = False,
     storage: StorageOption = "mcap",
 ) -> None:
-    """Convert the structured messages of a bag to JSON or to their own ROS types, without loss."""
+    """Convert the structured messages of a bag to JSON or to their own ROS types, or its video packets to images."""
     from socialbot.bags.conversion import convert_bag
+
+    if wire is None and not decode:
+        raise ParameterError("nothing to convert", where="bag convert", remedy="give --wire or --decode")
 
     console = Console()
     with console.status(f"writing {out}"):
-        made = convert_bag(source, out, wire, storage=storage)
+        made = convert_bag(source, out, wire, decode=decode, storage=storage)
     for topic, kept in sorted(made.kept.items()):
         console.print(f"[yellow]as before[/]: {escape(topic)}: {kept.count}, first: {escape(kept.first)}")
     for topic, skipped in sorted(made.skipped.items()):
         console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
-    console.print(f"{many(made.messages, 'message')} in {made.path}, {made.converted} of them now {wire}")
+    form = " or ".join(filter(None, (wire, "JPEG" if decode else "")))
+    console.print(f"{many(made.messages, 'message')} in {made.path}, {made.converted} of them now {form}")
 
 
 @bag.command()
