@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -83,11 +83,12 @@ class _Source:
 
 @dataclass
 class _Decoder:
-    """Decoder of one topic. Images come in the order of packets, some of them a few packets later."""
+    """Decoder of one topic. Images come in the order of their times, some of them a few packets later."""
 
     codec: str
     first_error: str = ""
     packets: int = 0
+    _latest: int = 0
     _pending: dict[int, _Source] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -126,7 +127,9 @@ class _Decoder:
             return
         for number, pixels in frames:
             if number in self._pending:
-                yield self._pending.pop(number), pixels
+                source = self._pending.pop(number)
+                self._latest = max(self._latest, source.time)
+                yield replace(source, time=self._latest), pixels
 
 
 def _codec_of(encoding: str, where: str) -> str:

@@ -40,23 +40,24 @@ def pixels(number: int) -> np.ndarray:
     return image
 
 
-def packets(encoder: str, count: int = 12) -> Iterator[bytes]:
+def packets(encoder: str, count: int = 12, tune: str = "zerolatency") -> Iterator[tuple[int, bytes]]:
+    """Yield the number and the packet of each image, in the order of the encoder."""
     context = av.CodecContext.create(encoder, "w")
     context.width, context.height, context.pix_fmt = 128, 96, "yuv420p"
     context.framerate, context.bit_rate = 10, 2_000_000
     context.gop_size = 6
-    context.options = {"tune": "zerolatency", "x265-params": "log-level=none"} if "x26" in encoder else {}
+    context.options = {"tune": tune, "x265-params": "log-level=none"} if "x26" in encoder else {}
     for number in range(count):
         frame = av.VideoFrame.from_ndarray(pixels(number), format="bgr24")
         frame.pts = number
-        yield from (bytes(packet) for packet in context.encode(frame))
-    yield from (bytes(packet) for packet in context.encode(None))
+        yield from ((packet.pts, bytes(packet)) for packet in context.encode(frame))
+    yield from ((packet.pts, bytes(packet)) for packet in context.encode(None))
 
 
-def video_bag(path: Path, kind: str, encoding: str, data: list[bytes], topic: str = "") -> Path:
+def video_bag(path: Path, kind: str, encoding: str, data: list[tuple[int, bytes]]) -> Path:
     with BagWriter(path) as writer:
-        for number, each in enumerate(data):
-            stamp = START + number * STEP
+        for index, (number, each) in enumerate(data):
+            stamp, received = START + number * STEP, START + index * STEP
             time, content = TIME(sec=stamp // 10**9, nanosec=stamp % 10**9), np.frombuffer(each, np.uint8)
             if kind == FFMPEG_PACKET:
                 header = HEADER(stamp=time, frame_id="camera_optical")
@@ -65,8 +66,8 @@ def video_bag(path: Path, kind: str, encoding: str, data: list[bytes], topic: st
             else:
                 message = TYPES.types[kind](timestamp=time, frame_id="camera_optical", data=content, format=encoding)
             written = bytes(TYPES.serialize_cdr(message, kind))
-            writer.write_raw(topic or NAMES[kind], kind, written, stamp, definition=DEFINITIONS[kind])
-            writer.write(SAY, Utterance(stamp=stamp, id=f"say-{number}", text="hello"), stamp)
+            writer.write_raw(NAMES[kind], kind, written, received, definition=DEFINITIONS[kind])
+            writer.write(SAY, Utterance(stamp=received, id=f"say-{index}", text="hello"), received)
     return path
 
 
@@ -106,18 +107,29 @@ def test_each_packet_becomes_the_image_of_its_time(tmp_path: Path, kind: str, en
         assert new.choose_image_topic().name == IMAGES[kind]
 
 
+def test_images_that_the_encoder_reorders_keep_their_times(tmp_path: Path) -> None:
+    data = list(packets("libx264", tune="animation"))
+    assert [number for number, _ in data] != sorted(number for number, _ in data)
+    convert_bag(video_bag(tmp_path / "bag", FOXGLOVE_VIDEO, "h264", data), tmp_path / "new", None, decode=True)
+    found = images(tmp_path / "new", IMAGES[FOXGLOVE_VIDEO])
+    assert [image.stamp for image in found] == [START + number * STEP for number in range(len(data))]
+    for number, image in enumerate(found):
+        seen = decode_image(image.data.tobytes(), where="image")
+        assert float(np.abs(seen.astype(int) - pixels(number)).mean()) < 6.0
+
+
 def test_packets_before_a_key_frame_and_damaged_ones_give_no_image(tmp_path: Path) -> None:
     data = list(packets("libx264"))[1:]
-    data[7] = b"\0\0\0\1\x65" + bytes(range(60))
+    data[7] = 8, b"\0\0\0\1\x65" + bytes(range(60))
     made = convert_bag(video_bag(tmp_path / "bag", FOXGLOVE_VIDEO, "h264", data), tmp_path / "new", None, decode=True)
     found = images(tmp_path / "new", IMAGES[FOXGLOVE_VIDEO])
-    assert [image.stamp for image in found][:2] == [START + number * STEP for number in (5, 6)]
+    assert [image.stamp for image in found][:2] == [START + number * STEP for number in (6, 7)]
     assert made.skipped[NAMES[FOXGLOVE_VIDEO]].count == len(data) - len(found) >= 6
 
 
 @pytest.mark.parametrize("data", [bytes(50), None], ids=["no video", "no key frame"])
 def test_a_video_without_any_image_is_refused(tmp_path: Path, data: bytes | None) -> None:
-    parts = list(packets("libx264"))[1:4] if data is None else [data]
+    parts = list(packets("libx264"))[1:4] if data is None else [(0, data)]
     bag = video_bag(tmp_path / "bag", FOXGLOVE_VIDEO, "h264", parts)
     with pytest.raises(BagError, match="no image can be decoded"):
         convert_bag(bag, tmp_path / "new", None, decode=True)
@@ -125,7 +137,7 @@ def test_a_video_without_any_image_is_refused(tmp_path: Path, data: bytes | None
 
 
 def test_unknown_encodings_and_bags_without_video_are_refused(tmp_path: Path) -> None:
-    bag = video_bag(tmp_path / "bag", FOXGLOVE_VIDEO, "prores", [b"data"])
+    bag = video_bag(tmp_path / "bag", FOXGLOVE_VIDEO, "prores", [(0, b"data")])
     with pytest.raises(BagError, match="the video encoding 'prores' is unknown"):
         convert_bag(bag, tmp_path / "new", None, decode=True)
     assert not (tmp_path / "new").exists()
