@@ -202,17 +202,22 @@ class Motion:
             raise ParameterError(f"there is no spot {goal!r}", where=self.actor.id, remedy=remedy)
         return self._place.spots[goal]
 
-    def _put(self, sample: _Sample) -> None:
-        if len(self._samples) >= self._most:
+    def _expect(self, steps: int) -> None:
+        """Raise ParameterError at once, before the steps are made, if they are too many."""
+        if len(self._samples) + steps > self._most:
             hours = MOST_STEPS * _STEP_S / 3600
             what = f"the people of a script may stay for {hours:.1f} hours together"
             raise ParameterError(what, where=self.actor.id, remedy="shorten the legs")
+
+    def _put(self, sample: _Sample) -> None:
+        self._expect(1)
         self._samples.append(sample)
 
     def _walk(self, goal: Spot, leg: Leg) -> None:
         (x0, y0), (x1, y1) = self._at, goal
         length = math.hypot(x1 - x0, y1 - y0)
         steps = max(round(length / max(leg.speed, 0.2) / _STEP_S), 1)
+        self._expect(steps)
         for step in range(1, steps + 1):
             share = step / steps
             x, y = self._beside(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
@@ -230,7 +235,9 @@ class Motion:
         return x, y
 
     def _stay(self, seconds: float, face: str, *, talking: bool = False) -> None:
-        for _ in range(round(seconds / _STEP_S)):
+        steps = round(seconds / _STEP_S)
+        self._expect(steps)
+        for _ in range(steps):
             self._put(_Sample(*self._at, math.nan, face or "ahead", talking=float(talking)))
 
     def _sit(self, leg: Leg) -> float:
@@ -243,6 +250,7 @@ class Motion:
         self._walk(before, leg)
         begin = self._now()
         down = np.linspace(0, 1, round(_SIT_S / _STEP_S))
+        self._expect(2 * len(down) + round(leg.seconds / _STEP_S))
         for share in (*down, *[1.0] * round(leg.seconds / _STEP_S), *np.linspace(1, 0, len(down))):
             x, y = (start + share * (end - start) for start, end in zip(before, seat.at, strict=True))
             self._put(_Sample(x, y, seat.heading, leg.face, seated=float(share)))
