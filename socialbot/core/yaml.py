@@ -58,6 +58,11 @@ def load_yaml(loader: YAML, text: str) -> Any:
         raise YAMLError(f"{type(error).__name__}: {error}") from error
 
 
+@functools.lru_cache(32)  # sweeps and trials make the same nodes again and again, and a team has the same rules
+def _page(text: str) -> Any:
+    return load_yaml(YAML(typ="rt"), text)
+
+
 def check_depth(text: str) -> None:
     """Check YAML for other parsers. Raises YAMLError for deeply nested brackets, including brackets in quotes."""
     depth = 0
@@ -153,7 +158,7 @@ class YamlFile:
         """Parse the content of the file. Raises the error of the file."""
         expect_own(foreign_text(text), self.where, self.error)
         try:
-            page = load_yaml(YAML(typ="rt"), text)
+            page = _page(text)
         except MarkedYAMLError as error:
             place = f"{self.where}:{error.problem_mark.line + 1}" if error.problem_mark else self.where
             remedy = 'write texts such as "*" and "{x}: y" in quotes' if isinstance(error, ScannerError) else None

@@ -100,6 +100,24 @@ class Intent:
     fallback: bool = False
     urgent: bool = False
 
+    @functools.cached_property
+    def variants(self) -> dict[str, tuple[Variant, ...]]:
+        """Word sequences of the phrases by language. Raises RuleError for an invalid phrase or an unknown slot."""
+        return {
+            language: tuple(variant for phrase in phrases for variant in self._variants_of(phrase, language))
+            for language, phrases in self.phrases.items()
+        }
+
+    def _variants_of(self, phrase: str, language: str) -> list[Variant]:
+        where = f"intent {self.name}, {language}"
+        is_whole = phrase.startswith("^") and phrase.endswith("$")
+        variants = expand(phrase[1:-1] if is_whole else phrase, language, where)
+        used = {part.name for variant in variants for part in variant if isinstance(part, Slot)}
+        if unknown := sorted(used - {*self.slots, TEXT}):
+            remedy = suggestion(unknown[0], self.slots)
+            raise RuleError(f"phrase {phrase!r} has the unknown slot {unknown[0]!r}", where=where, remedy=remedy)
+        return [Variant(self, phrase, variant, is_whole) for variant in variants]
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -181,19 +199,8 @@ class Grammar:
         self._variants: dict[str, list[Variant]] = {}
         for intent in self.intents.values():
             self._check_slots(intent)
-            for language, phrases in intent.phrases.items():
-                for phrase in phrases:
-                    where = f"intent {intent.name}, {language}"
-                    is_whole = phrase.startswith("^") and phrase.endswith("$")
-                    variants = expand(phrase[1:-1] if is_whole else phrase, language, where)
-                    used = {part.name for variant in variants for part in variant if isinstance(part, Slot)}
-                    if unknown := sorted(used - {*intent.slots, TEXT}):
-                        remedy = suggestion(unknown[0], intent.slots)
-                        raise RuleError(
-                            f"phrase {phrase!r} has the unknown slot {unknown[0]!r}", where=where, remedy=remedy
-                        )
-                    known = self._variants.setdefault(language, [])
-                    known += (Variant(intent, phrase, variant, is_whole) for variant in variants)
+            for language, variants in intent.variants.items():
+                self._variants.setdefault(language, []).extend(variants)
         self._alike = functools.lru_cache(_WORDS_KEPT)(self._like)
 
     @functools.cached_property

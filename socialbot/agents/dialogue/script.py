@@ -19,7 +19,6 @@ A file has these parts, all optional; texts by language are a text or a list of 
 
 from __future__ import annotations
 
-import functools
 import re
 import string
 from collections.abc import Iterable, Mapping, Sequence
@@ -190,12 +189,7 @@ def page_of(path: Path | str, text: str | None = None) -> YamlSection:
     """Parse a YAML file, or its ``text`` if it has been read. Raises GraphError."""
     if text is None:
         text = read_text(Path(path), GraphError, remedy="name a YAML file")
-    return _parsed(text, str(path))
-
-
-@functools.lru_cache(16)  # sweeps and trials make the same agents again and again
-def _parsed(text: str, where: str) -> YamlSection:
-    return read_page(text, where=where)
+    return read_page(text, where=str(path))
 
 
 def listed(texts: Texts) -> dict[str, list[str]]:
