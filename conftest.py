@@ -60,9 +60,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Exempt the collected tests from garbage collection, which else takes half a second now and then."""
+    """Exempt the collected tests from garbage collection, and collect seldom: it takes a sixth of the time otherwise."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(200_000, 10, 10)
 
 
 @pytest.hookimpl(optionalhook=True)

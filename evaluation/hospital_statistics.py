@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy  # its parts are imported when they are used: `scipy.stats` takes a second
 
 COVERAGE = 0.95
 DRAWS = 2000
@@ -33,26 +33,26 @@ def wilson(count: int, of: int) -> Interval:
     """
     if not 0 <= count <= of or of < 1:
         raise ValueError(f"no share: {count} of {of}")
-    found = stats.binomtest(count, of).proportion_ci(COVERAGE, method="wilson")
+    found = scipy.stats.binomtest(count, of).proportion_ci(COVERAGE, method="wilson")
     return Interval(float(found.low), float(found.high))
 
 
 def binomial(share: float, of: int) -> Interval:
     """Interval of the expected counts in ``of`` trials with probability ``share``."""
-    low, high = stats.binom.interval(COVERAGE, of, share)
+    low, high = scipy.stats.binom.interval(COVERAGE, of, share)
     return Interval(float(low), float(high))
 
 
 def t_quantile(freedom: int) -> float:
     """Two-sided quantile of Student's t for ``freedom`` degrees of freedom."""
-    return float(stats.t.ppf((1.0 + COVERAGE) / 2.0, freedom))
+    return float(scipy.stats.t.ppf((1.0 + COVERAGE) / 2.0, freedom))
 
 
 def mean_interval(values: Sequence[float]) -> Interval | None:
     """Interval of the mean; None for fewer than four values."""
     if len(values) < 4:
         return None
-    mean, half = statistics.fmean(values), t_quantile(len(values) - 1) * float(stats.sem(values))
+    mean, half = statistics.fmean(values), t_quantile(len(values) - 1) * float(scipy.stats.sem(values))
     return Interval(mean - half, mean + half)
 
 
@@ -70,7 +70,7 @@ def fit(points: Sequence[tuple[float, float]]) -> Line | None:
     xs, ys = zip(*points, strict=True) if points else ((), ())
     if len(points) < 5 or len(set(xs)) < 2:
         return None
-    found: Any = stats.linregress(xs, ys)
+    found: Any = scipy.stats.linregress(xs, ys)
     half = t_quantile(len(points) - 2) * found.stderr
     return Line(
         float(found.intercept), float(found.slope), Interval(float(found.slope - half), float(found.slope + half))
@@ -95,7 +95,7 @@ def growth_interval(without: Sequence[float], with_: Sequence[float], first: flo
     """Bootstrap interval of `growth` with a fixed seed; None for fewer than four values of either sample."""
     if min(len(without), len(with_)) < 4:
         return None
-    found = stats.bootstrap(
+    found = scipy.stats.bootstrap(
         (np.array(without), np.array(with_)),
         lambda one, other: growth(one.tolist(), other.tolist(), first, last),
         n_resamples=DRAWS,
