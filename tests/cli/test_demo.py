@@ -55,6 +55,7 @@ def test_its_page_has_the_film_and_the_plans(second_run):
     assert len(moves.keys() - flat) == 6
 
 
+@pytest.mark.slow
 def test_replayed_bag_gives_the_same_decisions(second_run, tmp_path):
     _, folder = second_run
     done = socialbot_here("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "again")

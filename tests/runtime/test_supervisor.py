@@ -360,6 +360,7 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
 
 
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
+@pytest.mark.slow
 def test_a_process_that_waits_for_a_processor_is_not_hung_so_soon(scripts: dict[str, str], tmp_path: Path) -> None:
     core = min(os.sched_getaffinity(0))
     scripts["one"] = f"""

@@ -291,6 +291,7 @@ def test_an_error_at_the_start_of_a_node_ends_the_replay(short_bag: Path, tmp_pa
     assert "cannot start: RuntimeError: not today" in done.stderr
 
 
+@pytest.mark.slow
 def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for number in range(2):
@@ -350,6 +351,7 @@ def endpoints(onlooker: Any, node: str) -> set[bytes]:
     return {bytes(info.endpoint_gid) for info in found if info.node_name == node}
 
 
+@pytest.mark.slow
 def test_counts_failures_of_a_detector_and_continues(corridor: Path, tmp_path: Path) -> None:
     bag, out = cut(corridor, tmp_path / "bag", 0.0, 0.4), tmp_path / "run"
     graph = detector_graph("RaisingDetector", tmp_path)
@@ -379,7 +381,7 @@ PICTURES, PERIOD_S, LOOK_S = 30, 0.1, 0.35
 
 @pytest.mark.parametrize(
     "hosting",
-    [pytest.param((), id="process a node"), pytest.param(("--composed",), id="composed", marks=pytest.mark.slow)],
+    [pytest.param((), id="process a node", marks=pytest.mark.slow), pytest.param(("--composed",), id="composed")],
 )
 def test_a_slow_detector_processes_the_newest_images(corridor: Path, tmp_path: Path, hosting: tuple[str, ...]) -> None:
     bag, graph, looks = cut(corridor, tmp_path / "bag", 0.0, 3.0), tmp_path / "graph.yaml", tmp_path / "looks.jsonl"

@@ -65,7 +65,7 @@ def test_people_who_stay_without_end_are_refused_at_once(change, fault):
 
 @pytest.mark.slow
 def test_people_who_together_stay_without_end_are_refused():
-    with pytest.raises(ParameterError, match="ben.*hours together"):
+    with pytest.raises(ParameterError, match=r"ben.*hours together"):
         crowd(SCRIPT.replace("talk: ", "talk: 3000"))
 
 

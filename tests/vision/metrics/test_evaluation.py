@@ -63,6 +63,7 @@ def test_drawn_people_are_found(tracked):
     assert tracked.scenes == ("hall",)
 
 
+@pytest.mark.slow
 def test_processes_change_no_figures_and_report_progress_up_to_the_last_frame(two_bags):
     sources, here = two_bags
     reported = []
