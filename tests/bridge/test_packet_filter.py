@@ -101,6 +101,24 @@ with spinning_node("reader") as reader, ros_context() as context:
     os._exit(sizes[-1] - sizes[0] > 5)  # DDS would not end
 """
 
+BUSY = """
+import hashlib, os
+from pathlib import Path
+from threading import Thread
+from socialbot.bridge import environment
+from tests.system.running import eventually
+environment.HALT_AFTER_S = 0.1
+def works():  # or waits for a processor
+    return Path(f"/proc/self/task/{busy.native_id}/stat").read_text().rpartition(")")[2].split()[0] == "R"
+with environment.spinning_node("reader") as reader:
+    busy = Thread(target=hashlib.pbkdf2_hmac, args=("sha256", b"a", b"b", 2**31 - 1), daemon=True)
+    busy.start()
+    environment._threads_of[reader] |= {busy.native_id}  # as if DDS had started it
+    assert eventually(works)
+    environment.give_up(reader)
+    os._exit(not eventually(lambda: not works()))
+"""
+
 
 @contextmanager
 def receiving() -> Iterator[tuple[socket.socket, socket.socket]]:
@@ -207,6 +225,12 @@ def filters() -> list[bool]:
                 except OSError:  # it has one, with more instructions than the space that was given
                     found.append(True)
     return found
+
+
+@pytest.mark.ros
+def test_what_works_without_end_for_a_given_up_node_is_stopped():
+    program = subprocess.run([sys.executable, "-c", BUSY], timeout=PATIENCE_S, check=False)
+    assert program.returncode == 0
 
 
 @pytest.mark.slow

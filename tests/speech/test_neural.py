@@ -160,6 +160,11 @@ def joe() -> PiperVoice:
 class TestJoe:
     """The packaged voice."""
 
+    def test_gives_the_same_samples_again(self, joe: PiperVoice):
+        first = joe.say("Yes.").samples
+        joe._known.cache_clear()
+        assert np.array_equal(joe.say("Yes.").samples, first)
+
     @pytest.mark.slow
     def test_gives_the_same_samples_each_time(self, joe: PiperVoice):
         assert np.array_equal(joe.say("Good morning.").samples, PiperVoice("piper:joe").say("Good morning.").samples)

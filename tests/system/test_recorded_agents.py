@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from socialbot.bags.reader import open_bag
 from tests.system.running import results, socialbot, socialbot_here
 
 pytestmark = pytest.mark.ros
@@ -45,3 +46,32 @@ def test_a_demo_writes_its_page_and_bag(tmp_path: Path) -> None:
     assert results(folder)["reached"]
     assert (folder / "report.html").exists()
     assert {path.name for path in (folder / "bag").iterdir()} == {"bag.mcap", "graph.yaml", "metadata.yaml"}
+
+
+SPEAKS = """
+from socialbot import Node, Output, Structured
+
+
+class Word(Structured, frozen=True, kw_only=True):
+    text: str
+
+
+class Speaks(Node):
+    is_simulator = True
+    words = Output(Word, "/words")
+
+    def start(self):
+        self.words.publish(Word(stamp=self.clock.now(), text="hello"))
+        self.report_health("ended", "that was all")
+"""
+
+
+def test_a_run_over_ros_records_a_bag(tmp_path: Path) -> None:
+    (tmp_path / "speaks.py").write_text(SPEAKS, "utf-8")
+    graph, folder = tmp_path / "graph.yaml", tmp_path / "run"
+    graph.write_text('name: speech\nnodes: {speaker: {type: "speaks:Speaks"}}\n', "utf-8")
+    done = socialbot_here("run", graph, "--runner", "ros", "--composed", "--bag", "--out", folder)
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert {path.name for path in (folder / "bag").iterdir()} == {"bag.mcap", "graph.yaml", "metadata.yaml"}
+    with open_bag(folder / "bag") as bag:
+        assert {topic.name: topic.count for topic in bag.topics}["/words"] == 1
