@@ -21,7 +21,7 @@ from socialbot.core import paths
 
 # How long an example takes depends on what else the machine does.
 settings.register_profile("socialbot", deadline=None)
-settings.register_profile("quick", deadline=None, max_examples=30)
+settings.register_profile("quick", deadline=None, max_examples=20)
 settings.load_profile("socialbot")
 
 DOMAINS = range(20, 60)
@@ -60,7 +60,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Exempt the collected tests from garbage collection, and collect seldom: it takes a sixth of the time otherwise."""
+    """Exempt the collected tests from garbage collection, and collect seldom: else it takes a sixth of the time."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(200_000, 10, 10)

@@ -115,7 +115,10 @@ ENDLESS = {
 }
 
 
-@pytest.mark.parametrize("plans", ENDLESS.values(), ids=ENDLESS)
+@pytest.mark.parametrize(
+    "plans",
+    [pytest.param(plans, id=name, marks=[pytest.mark.slow] * (name == "goal")) for name, plans in ENDLESS.items()],
+)
 def test_plans_without_end_are_an_error_where_time_is_simulated(plans: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 1_000)
     endless = GraphTester(type("Agent", (Endless,), {"plans": plans}))

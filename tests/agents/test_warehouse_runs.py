@@ -13,7 +13,7 @@ from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.demo import warehouse
 from socialbot.agents.warehouse.gripper import gripper_of
-from socialbot.agents.warehouse.scenario import GRIPPER, SIX
+from socialbot.agents.warehouse.scenario import GRIPPER, SIX, Scenario
 from socialbot.agents.warehouse.world_node import WarehouseWorld, world_of
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import TraceRecord
@@ -222,13 +222,25 @@ def boxes_of(runner: InlineRunner, *holders: str) -> set[str]:
     return {box for holder in holders for box in node.world.load[holder]}
 
 
-def test_carriers_deliver_their_boxes_when_the_gripper_has_died():
-    runner = at_60_s()
-    loaded = boxes_of(runner, *SIX.carriers)
+def check_deliveries_without_gripper(runner: InlineRunner, scenario: Scenario) -> None:
+    """Check that all boxes on carriers are delivered after the end of the gripper."""
+    loaded = boxes_of(runner, *scenario.carriers)
     assert loaded
     runner.kill(GRIPPER)
     runner.advance(nanoseconds(300.0))
-    assert boxes_of(runner, *SIX.deposits) >= loaded
+    assert boxes_of(runner, *scenario.deposits) >= loaded
+
+
+def test_a_carrier_delivers_its_boxes_when_the_gripper_has_died():
+    runner = odd_warehouse(2, 1)
+    runner.start()
+    runner.advance(nanoseconds(40.0))
+    check_deliveries_without_gripper(runner, runner.nodes[GRIPPER].scenario)  # type: ignore[attr-defined]
+
+
+@pytest.mark.slow
+def test_carriers_deliver_their_boxes_when_the_gripper_has_died():
+    check_deliveries_without_gripper(at_60_s(), SIX)
 
 
 def test_a_carrier_with_one_box_waits_for_a_gripper_that_answers():

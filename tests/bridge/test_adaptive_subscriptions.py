@@ -92,7 +92,9 @@ def test_publishers_without_end_take_a_limited_share_of_the_time(ros: Ros, monke
 
 
 @pytest.mark.parametrize("has_keys", [False, True])
-@pytest.mark.parametrize("period_s", [1, 5, 13, 40, 150])
+@pytest.mark.parametrize(
+    "period_s", [1, 150, *(pytest.param(period, marks=pytest.mark.slow) for period in (5, 13, 40))]
+)
 def test_a_stranger_of_another_quality_who_comes_and_goes_is_seldom_followed(
     ros: Ros, has_keys: bool, period_s: int
 ) -> None:

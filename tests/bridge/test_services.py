@@ -138,7 +138,7 @@ class TestServices:
                 assert only_result(hosted).ok
                 assert call.result.ok
 
-    @pytest.mark.parametrize("restarts", [False, True])
+    @pytest.mark.parametrize("restarts", [pytest.param(False, marks=pytest.mark.slow), True])
     def test_killed_server_is_noticed(self, restarts):
         with active(Caller) as hosted:
             with foreign_servers() as process:
@@ -424,7 +424,7 @@ class TestActions:
             assert eventually(lambda: answers == [call, call])
             assert refused == [call]
 
-    @pytest.mark.parametrize("lost", [1, 2])
+    @pytest.mark.parametrize("lost", [1, pytest.param(2, marks=pytest.mark.slow)])
     def test_a_node_that_stops_asks_again_if_its_cancel_is_lost(self, monkeypatch, lost):
         ask, asked = ActionChannel._ask_to_cancel, []
 
@@ -610,7 +610,14 @@ def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, mo
             assert "/light cannot be signed, so anybody in the network could call it" in str(lamp.failure)
 
 
-@pytest.mark.parametrize("way", ["closed", "closed driver", "optional", "declared", "named"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        "closed",
+        "declared",
+        *(pytest.param(way, marks=pytest.mark.slow) for way in ("closed driver", "optional", "named")),
+    ],
+)
 def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch, servers, other_domain):
     """Anybody in the network can answer, so the answers count only where somebody has decided so."""
     from socialbot.bridge.keys import new_key

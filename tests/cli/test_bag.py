@@ -204,7 +204,7 @@ def test_refuses_to_overwrite_a_bag(domain: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, None])
+@pytest.mark.parametrize("end", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), None])
 def test_record_ends_with_a_readable_bag(domain: int, tmp_path: Path, end: signal.Signals | None) -> None:
     say = encode(SAY, RclpyTypes())
     out = tmp_path / "bag"

@@ -17,6 +17,9 @@ from tests.fuzz.mutations import LARGEST, mutated, numbered
 NAMES = [decoder.name for decoder in decoders()]
 SLOW = {"bag-mcap", "bag-db3", "bag-metadata", "beliefs", "desires", "rules", "graph", "deployment", "waldo"}
 
+LONG_RUNS = {"run-waldo", "run-hospital", "run-values"}
+"""A short run, run-plans, is read by the same code."""
+
 WORST_CPU_S = 1.0
 
 
@@ -65,6 +68,11 @@ def check_repeated(decoder: Decoder, units: tuple[bytes, ...]) -> None:
             survives(decoder, begin + unit * (10_000 // len(unit)))
 
 
+@pytest.mark.parametrize(
+    "decoder",
+    [pytest.param(name, marks=pytest.mark.slow) if name in LONG_RUNS else name for name in NAMES],
+    indirect=True,
+)
 def test_nested_or_long_inputs_are_refused_in_time(decoder: Decoder) -> None:
     check_repeated(decoder, JSON if decoder.name.startswith("run-") else JSON + OTHERS)
 

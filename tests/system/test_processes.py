@@ -304,6 +304,21 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
     assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 2
 
 
+def test_a_replay_beside_a_node_of_its_names_is_refused(short_bag: Path, tmp_path: Path, onlooker: Any) -> None:
+    graph = detector_graph("Detector", tmp_path)
+    graph.write_text(graph.read_text().replace("  detector:", "  head:"))
+    with spinning_node("head"):
+        assert eventually(lambda: "head" in onlooker.get_node_names())
+        done = socialbot_here(
+            "replay", short_bag, "--runner", "ros", "--no-video", "--composed", "--graph", graph,
+            "--out", tmp_path / "joined", "--domain", os.environ["ROS_DOMAIN_ID"],
+        )  # fmt: skip
+    assert done.returncode == 6
+    assert "head" in done.stderr
+    assert "ROS_DOMAIN_ID" in done.stderr
+
+
+@pytest.mark.slow
 def test_a_second_node_of_a_name_is_refused_in_the_same_domain_only(
     short_bag: Path, tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

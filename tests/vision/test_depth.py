@@ -437,7 +437,7 @@ def test_lidar(ahead: float, given_pose: bool) -> None:
     assert sensors.at(0, "eye", LEVEL)[0].source == "lidar"
 
 
-@pytest.mark.parametrize("rings", [16, 32, 64])
+@pytest.mark.parametrize("rings", [16, *(pytest.param(rings, marks=pytest.mark.slow) for rings in (32, 64))])
 def test_lidar_with_floor_wall_and_occluders(rings: int) -> None:
     """Visible people are precise up to 15 m; up to 30 m, a distance is stated with an honest error, or none."""
     random = np.random.default_rng(3)

@@ -72,7 +72,9 @@ def test_same_seed_gives_same_messages():
     assert paper(100).until(6.0).said == paper(100).until(6.0).said
 
 
-@pytest.mark.parametrize("second", [1.5, 2.0, 2.35, 3.0, 4.0])
+@pytest.mark.parametrize(
+    "second", [2.35, 3.0, *(pytest.param(second, marks=pytest.mark.slow) for second in (1.5, 2.0, 4.0))]
+)
 @pytest.mark.parametrize("rate", [0, 100])
 def test_restarted_coordinator_completes_the_mission(tmp_path: Path, second: float, rate: int):
     run = paper(rate, memory_file=str(tmp_path / "memory.json")).until(second)

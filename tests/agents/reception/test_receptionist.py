@@ -64,8 +64,15 @@ class Reception(Hall):
         ("en", "Hello, where is the library?", "The library is on the second floor. Take the lift and turn left."),
         ("en", "I'm looking for the cafetria", "The canteen is on the ground floor, to the right of the entrance."),
         ("de", "Wie komme ich zum Labor?", "Das Labor ist hinter mir, am Ende des Gangs."),
-        ("es", "¿Dónde están los servicios?", "Los servicios están junto a la escalera."),
-        ("fr", "Où est la bibliothèque ?", "La bibliothèque est au deuxième étage. Prenez l'ascenseur, puis à gauche."),
+        pytest.param(
+            "es", "¿Dónde están los servicios?", "Los servicios están junto a la escalera.", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "fr",
+            "Où est la bibliothèque ?",
+            "La bibliothèque est au deuxième étage. Prenez l'ascenseur, puis à gauche.",
+            marks=pytest.mark.slow,
+        ),
         ("en", "Where can I find Anna Miller?", "The laboratory is behind me, at the end of the corridor."),
     ],
 )
@@ -178,10 +185,16 @@ def test_two_visitors_are_served_in_turn():
     ("language", "call", "correction", "other"),
     [
         ("en", "Could you call Anna Miller?", "No, I said Thomas", "Shall I call Thomas Brown?"),
-        ("en", "Could you call Anna Miller?", "no wait, not Anna, Thomas", "Shall I call Thomas Brown?"),
+        pytest.param(
+            "en",
+            "Could you call Anna Miller?",
+            "no wait, not Anna, Thomas",
+            "Shall I call Thomas Brown?",
+            marks=pytest.mark.slow,
+        ),
         ("de", "Rufen Sie bitte Anna Miller", "Nein, Thomas", "Soll ich Thomas Brown rufen?"),
-        ("es", "Llame a Anna", "No, a Thomas", "¿Llamo a Thomas Brown?"),
-        ("fr", "Appelez Anna", "Non, Thomas", "Dois-je appeler Thomas Brown ?"),
+        pytest.param("es", "Llame a Anna", "No, a Thomas", "¿Llamo a Thomas Brown?", marks=pytest.mark.slow),
+        pytest.param("fr", "Appelez Anna", "Non, Thomas", "Dois-je appeler Thomas Brown ?", marks=pytest.mark.slow),
     ],
 )
 def test_another_name_corrects_a_call(language, call, correction, other):
@@ -194,12 +207,12 @@ def test_another_name_corrects_a_call(language, call, correction, other):
 @pytest.mark.parametrize(
     ("language", "call", "reply"),
     [
-        ("en", "Could you call Anna Miller?", "Yes, call Anna"),
+        pytest.param("en", "Could you call Anna Miller?", "Yes, call Anna", marks=pytest.mark.slow),
         ("en", "Could you call Anna Miller?", "yep"),
-        ("en", "Could you call Anna Miller?", "That's right"),
+        pytest.param("en", "Could you call Anna Miller?", "That's right", marks=pytest.mark.slow),
         ("de", "Rufen Sie bitte Anna Miller", "genau"),
-        ("es", "Llame a Anna", "por supuesto"),
-        ("fr", "Appelez Anna", "tout à fait"),
+        pytest.param("es", "Llame a Anna", "por supuesto", marks=pytest.mark.slow),
+        pytest.param("fr", "Appelez Anna", "tout à fait", marks=pytest.mark.slow),
     ],
 )
 def test_colloquial_replies_confirm_a_call(language, call, reply):
@@ -209,7 +222,15 @@ def test_colloquial_replies_confirm_a_call(language, call, reply):
 
 
 @pytest.mark.parametrize(
-    ("language", "reply"), [("en", "nope"), ("en", "don't"), ("de", "nee"), ("es", "mejor no"), ("fr", "surtout pas")]
+    ("language", "reply"),
+    [
+        ("en", "nope"),
+        ("de", "nee"),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (("en", "don't"), ("es", "mejor no"), ("fr", "surtout pas"))
+        ),
+    ],
 )
 def test_colloquial_replies_refuse_a_call(language, reply):
     names = {"en": "Could you call Anna?", "de": "Rufen Sie Anna", "es": "Llame a Anna", "fr": "Appelez Anna"}
@@ -249,16 +270,18 @@ def test_tells_the_hours_of_a_day_and_the_time(language, building):
     ("language", "text", "reply"),
     [
         ("en", "How are you?", "Very well, thank you."),
-        ("en", "no thanks", "All right."),
+        pytest.param("en", "no thanks", "All right.", marks=pytest.mark.slow),
         ("en", "Do you speak German?", "I speak English, German, Spanish and French. Just speak to me."),
         ("de", "Sprechen Sie bitte lauter", "Hallo! Schön, Sie zu sehen."),
-        ("de", "Wie geht es Ihnen?", "Sehr gut, danke."),
+        pytest.param("de", "Wie geht es Ihnen?", "Sehr gut, danke.", marks=pytest.mark.slow),
         ("es", "Más despacio, por favor", "¡Hola! Me alegro de verle."),
         ("fr", "Parlez plus fort s'il vous plaît", "Bonjour ! Ravi de vous voir."),
-        ("fr", "Non merci", "Très bien."),
+        pytest.param("fr", "Non merci", "Très bien.", marks=pytest.mark.slow),
         ("en", "I have a dog", "Sorry, I did not understand."),
-        ("de", "Ich habe einen Hund", "Entschuldigung, das habe ich nicht verstanden."),
-        ("es", "Tengo un perro", "Perdón, no le he entendido."),
+        pytest.param(
+            "de", "Ich habe einen Hund", "Entschuldigung, das habe ich nicht verstanden.", marks=pytest.mark.slow
+        ),
+        pytest.param("es", "Tengo un perro", "Perdón, no le he entendido.", marks=pytest.mark.slow),
     ],
 )
 def test_small_talk_is_answered_in_the_language_of_the_visitor(language, text, reply):
