@@ -33,7 +33,7 @@ PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pag
 MACHINES := tests/system/test_deployment.py::test_two_machines_run_one_graph
 JOBS ?= 2
 # More than processors: system tests wait for other processes.
-WORKERS ?= 4
+WORKERS ?= 3
 SECONDS ?= 30
 # Without the compiled files, each of the many processes that tests start would compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE

@@ -190,6 +190,12 @@ def test_keys_of_one_name_are_refused():
         read_page(ROBOT + "  1: {radius: 1}\n  '1': {radius: 2}\n", where="r.yaml").read(Robot)
 
 
+def test_the_same_text_in_two_files_is_an_error_of_each():
+    for where in ("r.yaml", "s.yaml"):
+        with pytest.raises(GraphError, match=rf"^{where}:1: "):
+            read_page("[no robot]", where=where).read(Robot)
+
+
 def test_values_left_out_are_the_usual_ones():
     section = read_page("at: [1, 2]", where="w.yaml")
     assert section.read(Wheel, {"radius": 2.0}) == Wheel(2.0, (1.0, 2.0))
