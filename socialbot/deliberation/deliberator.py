@@ -263,7 +263,7 @@ class Deliberator:
             self._unchecked.clear()
             for state, fulfils in states.items():
                 if self.desires.get(state.name) is state:
-                    self._check_desire(state, fulfils or state is self.pursuit.current)
+                    self._check_desire(state, fulfils)
             states.clear()  # preparing desires may have been adopted
 
     def _check_desire(self, state: DesireState, may_be_fulfilled: bool) -> None:
