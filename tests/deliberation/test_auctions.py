@@ -10,6 +10,7 @@ import pytest
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message, TraceRecord
+from socialbot.deliberation import predicate
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from tests.example_modules import load_example
@@ -81,6 +82,20 @@ def test_a_busy_courier_bids_for_the_time_after_its_work(town):
     assert first["ann"] == pytest.approx(6.0, abs=0.1)
     # The rest of the way to the market, the parcel there, and the way to the harbour.
     assert later["ann"] > 13.0
+
+
+def test_a_courier_that_knows_a_parcel_to_be_delivered_bids_no_time_and_wins(example):
+    town = Town(example)
+    node = town.runner.nodes["ben"]
+    assert isinstance(node, Deliberating)
+    ben = node.deliberator
+    ben.engine.call(lambda: ben.facts.add(predicate("delivered", "books")))
+    town.until(4)
+    (auction,) = town.found("auction", "deliver_books")
+    assert auction.detail["bids"]["ben"] == 0.0
+    assert auction.detail["winner"] == "ben"
+    (end,) = town.found("step_end", "dispatch books")
+    assert end.detail["outcome"] == "successful"
 
 
 @pytest.mark.slow
