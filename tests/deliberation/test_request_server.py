@@ -8,7 +8,7 @@ import pytest
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, FactCondition
 from socialbot.deliberation.requests import Permission, Policies, RequestServer
-from tests.deliberation.domains import i, n, p
+from tests.deliberation.domains import dnf, i, n, p
 from tests.deliberation.office import Office, job
 
 ALL = Policies(
@@ -18,6 +18,7 @@ ALL = Policies(
     desire_w=("friends", "late"),
     desire_pr=(0.6,),
 )
+READY = dnf([("T", p("ready"))])
 
 
 class Desk:
@@ -341,6 +342,8 @@ def test_a_bid_for_a_desire_that_preempts_does_not_wait_for_the_plan():
         (job("a", deadline=5.0), "friends", True, "the plan lasts 6 s, longer than the 5 s there are"),
         (job("a", value=(p("told"),)), "friends", True, "nothing brings about (told)"),
         (job("a", value=(p("done", "z"),)), "friends", True, "there is no object 'z'"),
+        (job("a", precondition=READY), "friends", True, "its precondition or context does not hold"),
+        (job("a", context=READY), "friends", True, "its precondition or context does not hold"),
         (p("lit"), "friends", False, "only a desire can be offered"),
     ],
 )
