@@ -139,6 +139,7 @@ def test_display_prints_what_a_node_of_a_live_graph_lacks():
         health(5.0, "hearing", "degraded", "the microphone sends only zeros; unmute it"),
         health(6.0, "hearing", "ok", "a remark"),
         health(7.0, "speaker", "degraded", "no message on /x since 9:00", "/x"),
+        health(8.0, "speaker", "failed", "unconnected: its cable"),
     ]
     assert shown(*messages, health_of=EARS) == [
         "   1.00 s  fails    microphone: no microphone; plug one in",
@@ -147,6 +148,7 @@ def test_display_prints_what_a_node_of_a_live_graph_lacks():
         "   5.00 s  fails    hearing: the microphone sends only zeros; unmute it",
         "   6.00 s  works    hearing again",
         "   7.00 s  fails    speaker: no message on /x since 9:00",
+        "   8.00 s  fails    speaker: unconnected: its cable",
     ]
     assert shown(*messages) == []
 
