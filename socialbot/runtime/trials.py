@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,7 +55,7 @@ class Trial:
     @property
     def name(self) -> str:
         """Short name for reports and folders."""
-        return Path(self.source).stem or "run"
+        return Path(os.path.abspath(self.source)).stem
 
     def __str__(self) -> str:
         if not self.is_bag:

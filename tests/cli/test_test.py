@@ -96,6 +96,20 @@ def test_a_graph_for_bags_is_not_for_the_other_sources(project: Path, tmp_path: 
     assert done.stdout.count("  passed   greets_once  1 instance") == 3
 
 
+@pytest.mark.parametrize("given", [".", ".."])
+def test_the_run_of_a_bag_named_by_its_place_gets_the_name_of_the_bag(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str
+) -> None:
+    graph, bag, out = project / "graph.yaml", bag_without_graph(project, tmp_path), tmp_path / "all" / "out"
+    (bag / "inner").mkdir()
+    monkeypatch.chdir(bag if given == "." else bag / "inner")
+    done = socialbot_here("test", project / "expected.py", given, "--graph", graph, "-k", "greets_once", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert f"{bag.name}  ({given}, with {graph})" in done.stdout.splitlines()
+    assert sorted(path.name for path in out.iterdir()) == sorted([bag.name, "behaviours.html"])
+    assert list(out.parent.iterdir()) == [out]
+
+
 def test_the_nearest_change_that_passes_is_found(project: Path, tmp_path: Path) -> None:
     (project / "expected.py").write_text(
         "from socialbot.testing import expect, person, said\n"
