@@ -210,6 +210,7 @@ class TestSpeech:
 
     def test_an_utterance_that_takes_too_long_fails_and_the_robot_stops(self):
         with robot("slow") as tiago, hosted(TtsSpeaker, limit_s=1.0) as speaker:
+            assert eventually(lambda: speaker._services._channels["speak"].has_server())  # else no goal is sent
             states = self.said(speaker, "Hello!")
             assert eventually(lambda: states == ["started", "failed"])
             assert eventually(lambda: tiago.has(cancelled="TTS_Result"))
