@@ -278,7 +278,7 @@ LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
 
 @cache
 def _has_parts(kind: type) -> bool:
-    return kind is not Variable and issubclass(kind, (tuple, Pattern, Step, Plan, Inference))
+    return issubclass(kind, (tuple, Pattern, Step, Plan, Inference))
 
 
 def symbol_variables(part: object) -> set[str]:
