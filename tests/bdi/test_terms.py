@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine, Variable, source
 from socialbot.bdi.literals import literal
-from socialbot.bdi.terms import Comparison, Cons, conjunction, show, variables
+from socialbot.bdi.terms import Comparison, Cons, conjunction, order, show, variables
 from socialbot.bdi.unification import Var, closed, cons, free, resolve, undo, unify
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError
@@ -192,6 +192,15 @@ def test_comparisons_of_variables_are_those_of_python(name, left, right):
     values = conjunction(Comparison("=", X, left), Comparison("=", Y, right))
     assert bool(solved(values & compare(X, Y))) == compare(left, right)
     assert bool(solved(values & compare(left, Y))) == compare(left, right)
+
+
+@pytest.mark.parametrize("name", ["gt", "ge", "lt", "le"])
+@pytest.mark.parametrize(
+    "other", [literal("p", (2,)), literal("p", (1,)), literal("p", (3,)), literal("q"), Atom("p"), "p", 4], ids=show
+)
+def test_comparisons_of_a_literal_are_those_of_the_order_of_terms(name, other):
+    compare, one = getattr(operator, name), literal("p", (2,))
+    assert compare(one, other) == compare(order(one), order(other))
 
 
 def test_a_comparison_keeps_its_text():
