@@ -148,6 +148,14 @@ def test_a_stream_that_returns_slowly_is_not_silent_between_its_first_messages()
     assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 12.25]
 
 
+def test_the_patience_with_a_returned_stream_lasts_for_its_first_three_messages():
+    stage = Stage()
+    stage.stream(0.0, 3.0)
+    stage.see(8.0, 8.1, 8.2, 9.2, 9.3)
+    stage.until(20.0)
+    assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 9.65]
+
+
 def test_a_stream_that_returns_for_a_moment_is_silent_again():
     stage = Stage()
     stage.stream(0.0, 3.0)
