@@ -151,14 +151,14 @@ def _compared(
 
     pairs = enumerate(zip(one.digests, other.digests, strict=True))
     number = next((number for number, pair in pairs if pair[0] != pair[1]), 0)
-    bag = plan.bags[number]
+    bag, name = plan.bags[number], found.bags[number]
     with temporary_folder("socialbot-sweep-") as folder:
         runs = []
         for cell in (one, other):
             place = Path(folder) / f"cell {cell.number}"
             replay(bag, graph_for(bag, plan.graph, found.changes(cell)), place)
             runs.append(open_run(place))
-        return one, other, bag.name, difference(runs[0], runs[1], (f"cell {one.number}", f"cell {other.number}"))
+        return one, other, name, difference(runs[0], runs[1], (f"cell {one.number}", f"cell {other.number}"))
 
 
 def _print(

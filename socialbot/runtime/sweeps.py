@@ -280,7 +280,7 @@ class SweepRunner:
         name = load_graph(plan.graph).name if plan.graph else graph_of(plan.bags[0]).name
         return Sweep(
             graph=name,
-            bags=tuple(bag.name for bag in plan.bags),
+            bags=tuple(bag.resolve().name for bag in plan.bags),
             axes=axes,
             expectations=str(plan.expectations or ""),
             cells=tuple(cells),

@@ -121,6 +121,13 @@ def test_a_grid_runs_every_combination(bag, tmp_path):
     assert "person" in reason
 
 
+def test_the_bag_of_the_current_folder_has_its_name(bag, tmp_path, monkeypatch):
+    monkeypatch.chdir(bag)
+    plan = SweepPlan([Path()], [parse_variation("waldo.appear_s=0.2")], str(bag.with_name("eyes.yaml")))
+    found = swept(plan, tmp_path / "sweep")
+    assert found.bags == tuple(result.bag for result in found.cells[0].results) == (bag.name,)
+
+
 @pytest.mark.slow
 def test_parallel_processes_find_the_same(bag, tmp_path):
     plan = plan_of(bag, "waldo.appear_s=0.2,2", "waldo.range_m=1,40")
