@@ -118,6 +118,26 @@ def test_an_input_that_never_had_a_message_is_silent_since_ever():
     assert stage.states[-1] == (FIRST_S, "waiting", "no message on /seen yet")
 
 
+def test_of_two_inputs_the_one_with_the_shorter_deadline_is_silent_first():
+    noticed: list[tuple[float, str]] = []
+
+    class TwoEyes(Node):
+        slow = Input(Utterance, "/slow", deadline_s=5.0)
+        quick = Input(Utterance, "/quick", deadline_s=SILENT_S)
+
+        @slow
+        @quick
+        def on_either(self, message: Utterance) -> None: ...
+
+        def on_silence(self, port, since) -> None:
+            noticed.append((self.clock.now() / SECOND, port.name))
+
+    runner = InlineRunner(Graph("g", (NodeConfig("eyes", TwoEyes),), inputs=frozenset({"/slow", "/quick"})))
+    runner.start()
+    runner.advance(nanoseconds(9.0))
+    assert noticed == [(FIRST_S, "quick"), (5.0, "slow")]
+
+
 def test_a_slow_stream_is_not_silent_between_its_messages_and_its_end_is_noticed_in_proportion():
     stage = Stage()
     stage.stream(0.0, 6.0, 0.3)
