@@ -39,6 +39,8 @@ _FAINT = 3.0  # Contrast of fewer grey levels is noise.
 _LAG_S, _LEAST_LAG_S = 1.0, 0.3  # Usual and least age of the image to compare with.
 _STEP_S = 0.2  # Interval of the images that are kept.
 
+_ACROSS = np.array([[-1.0, 0.0, 1.0]])  # Gradient of the grey levels; it is 0 at the edges of the image.
+_DOWN = _ACROSS.T
 _CELL = 8  # Motion is measured in cells of so many pixels.
 _TEXTURE = 4.0  # Cells with a squared gradient below this multiple of the noise show no motion.
 _MOVED_PX, _STILL_PX = 0.35, 0.2  # A box moves from this apparent motion, and is still below that one,
@@ -97,11 +99,8 @@ class _Snapshot:
 
     def free(self, name: int) -> np.ndarray:
         """Mask of the image without the boxes of other tracks."""
-        if name not in self.names:
-            return self.cover == 0
-        cover = self.cover.copy()
-        cover[_inside(_widened(self.boxes[self.names.index(name)], _MARGIN), cover.shape)] -= 1
-        return cover == 0
+        others = [box for box, each in zip(self.boxes, self.names, strict=True) if each != name]
+        return ~_covered(self.shapes.shape, others, _MARGIN)
 
     @cached_property
     def cover(self) -> np.ndarray:
@@ -147,10 +146,9 @@ class _Motion:
         shared = _cells(now.grey * then.grey) - now.mean * then.mean
         gain = np.clip(shared / np.maximum(then.variance, 1e-3), 0.4, 2.5)
         rest = np.maximum(now.variance - 2 * gain * shared + gain**2 * then.variance, 0.0)
-        across, down = now.grey[:, 2:] - now.grey[:, :-2], now.grey[2:] - now.grey[:-2]
-        squares = np.zeros_like(now.grey)
-        squares[:, 1:-1] = across * across
-        squares[1:-1] += down * down
+        squares = cv2.filter2D(now.grey, -1, _ACROSS)
+        squares *= squares
+        cv2.accumulateSquare(cv2.filter2D(now.grey, -1, _DOWN), squares)
         slope = _cells(squares) / 8
         outside = ~_covered(rest.shape, np.vstack([now.boxes, then.boxes]) / _CELL, _MARGIN)
         if _share(outside) < _LEAST_REST:
@@ -391,7 +389,7 @@ def _has_turned(now: _Snapshot, then: _Snapshot | None) -> bool:
     rest = ~_covered(now.shapes.shape, np.vstack([now.boxes, then.boxes]), 2 * _MARGIN)
     if _share(rest) < _LEAST_REST:
         rest[:] = True
-    return _correlation(now.shapes * rest, then.shapes * rest) < _TURNED
+    return _correlation(now.shapes, then.shapes, rest) < _TURNED
 
 
 def _likeness(now: np.ndarray, then: np.ndarray, box: np.ndarray, free: np.ndarray) -> float | None:
@@ -400,7 +398,7 @@ def _likeness(now: np.ndarray, then: np.ndarray, box: np.ndarray, free: np.ndarr
     there = free[y:bottom, x:right]
     if _share(there) < _LEAST_FREE:
         return None
-    return _correlation(now[y:bottom, x:right] * there, then[y:bottom, x:right] * there)
+    return _correlation(now[y:bottom, x:right], then[y:bottom, x:right], there)
 
 
 def _has_gone(box: np.ndarray, begin: np.ndarray) -> bool:
@@ -429,18 +427,16 @@ def _quantiles(values: np.ndarray, *shares: float) -> list[float]:
     return found
 
 
-def _correlation(one: np.ndarray, other: np.ndarray) -> float:
-    one, other = one.ravel(), other.ravel()
-    energy = _dot(one, one) * _dot(other, other)
-    return _dot(one, other) / math.sqrt(energy) if energy else 1.0
+def _correlation(one: np.ndarray, other: np.ndarray, there: np.ndarray | None = None) -> float:
+    """Correlation of two images where the mask ``there`` is set; it does not depend on the number of threads."""
+    mask = None if there is None else there.view(np.uint8)
+    first, second = cv2.norm(one, cv2.NORM_L2SQR, mask), cv2.norm(other, cv2.NORM_L2SQR, mask)
+    energy = math.sqrt(first * second)
+    # The sum of the products, from that of the squared differences.
+    return (first + second - cv2.norm(one, other, cv2.NORM_L2SQR, mask)) / 2 / energy if energy else 1.0
 
 
-def _dot(one: np.ndarray, other: np.ndarray) -> float:
-    """Sum of products. It does not depend on the number of threads, as that of BLAS would."""
-    return float(np.einsum("i,i->", one, other))
-
-
-def _covered(shape: tuple[int, ...], boxes: np.ndarray, margin: float) -> np.ndarray:
+def _covered(shape: tuple[int, ...], boxes: Sequence[np.ndarray] | np.ndarray, margin: float) -> np.ndarray:
     """Mask of ``boxes``, each enlarged by ``margin`` of its width on all sides."""
     mask = np.zeros(shape, bool)
     for box in boxes:

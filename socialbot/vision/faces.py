@@ -58,8 +58,10 @@ class FaceDetector:
         view = _head_view(person, image.shape[1], image.shape[0])
         if view is None:
             return None
-        data = view.cut(image)[:, :, ::-1].astype(np.float32) / 127.5 - 1.0
-        rows = self._network.run(data.transpose(2, 0, 1))[0][0].astype(np.float64)
+        data = view.cut(image).transpose(2, 0, 1)[::-1].astype(np.float32, order="C")
+        data /= 127.5
+        data -= 1.0
+        rows = self._network.run(data)[0][0].astype(np.float64)
         scores = 1.0 / (1.0 + np.exp(-np.clip(rows[:, 0], -50.0, 50.0)))
         good = scores >= _LEAST_SCORE
         if not good.any():
@@ -132,7 +134,10 @@ _LEAVES_RAD, _LEAVES_SIGMA = 1.75, 2.0  # Nobody shows a face who walks away by 
 
 @dataclass
 class Attention:
-    """Direction that one tracked person faces, from the face or else from the walking direction."""
+    """Direction that one tracked person faces, from the face or else from the walking direction.
+
+    ``velocity`` is the mean one relative to the camera, m/s: forward and to the left; None if it is not known.
+    """
 
     face: Face | None = None
     turn_rad: float = 0.0
@@ -140,6 +145,8 @@ class Attention:
     found: int | None = None
     faces: int = 0
     odds: float = 0.0
+    velocity: tuple[float, float] | None = None
+    _is_live: bool = False
     _places: deque[tuple[int, float, float]] = field(default_factory=deque)
     _errors: deque[float] = field(default_factory=deque)
     _faces: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=_MOST_FACES))
@@ -156,14 +163,14 @@ class Attention:
             self.faces += 1
             x, y, w, h = face.box
             self._faces.append((x + w / 2, y + h / 2, w))
+            across, down, width = np.array(self._faces).T
+            spread = max(float(across.std()), float(down.std()))
+            self._is_live = spread >= max(_LIVE * float(np.median(width)), _LIVE_PX)
 
     def is_person(self, stamp: int) -> bool:
         """Whether faces have shown that this is a person, and not the picture of one."""
-        if self.faces < _CERTAIN_FACES or stamp - (self.found or 0) > _PERSON_S * SECOND:
-            return False
-        across, down, width = np.array(self._faces).T
-        spread = max(float(across.std()), float(down.std()))
-        return spread >= max(_LIVE * float(np.median(width)), _LIVE_PX)
+        recent = stamp - (self.found or 0) <= _PERSON_S * SECOND
+        return self.faces >= _CERTAIN_FACES and recent and self._is_live
 
     def walk(self, stamp: int, distance: Estimate, bearing_rad: float) -> None:
         """Record the place of the person, relative to the camera."""
@@ -173,6 +180,7 @@ class Attention:
         while stamp - self._places[0][0] > _WALK_S * SECOND:
             self._places.popleft()
             self._errors.popleft()
+        self.velocity = self._mean_velocity()
 
     def facing_rad(self, stamp: int) -> float | None:
         """Angle between the direction that the person faces and the direction to the camera, 0 to pi."""
@@ -187,11 +195,11 @@ class Attention:
 
     def _course(self) -> float | None:
         """Angle between the walking direction and the direction to the camera; None of people who do not walk."""
-        velocity = self.velocity()
-        if velocity is None or math.hypot(*velocity) < _WALKING_MPS:
+        if self.velocity is None or math.hypot(*self.velocity) < _WALKING_MPS:
             return None
         _, x, y = self._places[-1]
-        toward = -(velocity[0] * x + velocity[1] * y) / (math.hypot(*velocity) * max(math.hypot(x, y), 1e-6))
+        ahead, aside = self.velocity
+        toward = -(ahead * x + aside * y) / (math.hypot(ahead, aside) * max(math.hypot(x, y), 1e-6))
         return math.acos(min(max(toward, -1.0), 1.0))
 
     def _leaves(self) -> bool:
@@ -202,14 +210,13 @@ class Attention:
 
     def approach_mps(self) -> float | None:
         """Speed towards the camera."""
-        velocity = self.velocity()
-        if velocity is None:
+        if self.velocity is None:
             return None
         _, x, y = self._places[-1]
-        return -(velocity[0] * x + velocity[1] * y) / max(math.hypot(x, y), 1e-6)
+        ahead, aside = self.velocity
+        return -(ahead * x + aside * y) / max(math.hypot(x, y), 1e-6)
 
-    def velocity(self) -> tuple[float, float] | None:
-        """Mean velocity relative to the camera, m/s: forward and to the left."""
+    def _mean_velocity(self) -> tuple[float, float] | None:
         if len(self._places) < _LEAST_POINTS or self._places[-1][0] - self._places[0][0] < _LEAST_WALK_S * SECOND:
             return None
         rows = np.array(self._places, np.float64)

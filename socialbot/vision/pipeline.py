@@ -384,7 +384,7 @@ class PersonPipeline:
             attention.walk(stamp_ns, distance, direction)
             if self.tracker is not None:
                 point = FloorPoint.at(distance, direction)
-                self.tracker.place(track.id, LastSeen(stamp_ns, point, attention.velocity() or (0.0, 0.0)))
+                self.tracker.place(track.id, LastSeen(stamp_ns, point, attention.velocity or (0.0, 0.0)))
         return PersonDetection(
             x=x,
             y=y,
