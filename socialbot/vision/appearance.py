@@ -211,6 +211,8 @@ def _distances(some: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Squared Hellinger distances of looks (n, 2, bins) and (m, 2, bins): the mean of parts that both show; (n, m)."""
     shared = np.einsum("npb,mpb->nmp", some, others)
     shown = ~np.isnan(shared)
+    if shown.all():
+        return np.maximum(0.0, 1 - shared.sum(axis=2) / shared.shape[2])
     count = shown.sum(axis=2)
     near = np.where(shown, shared, 0.0).sum(axis=2) / np.maximum(count, 1)
     return np.where(count > 0, np.maximum(0.0, 1 - near), np.inf)

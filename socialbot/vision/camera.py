@@ -120,9 +120,9 @@ class CameraModel:
     lens: Lens | None = None
 
     def __post_init__(self) -> None:
-        sizes = {"fx": self.fx, "fy": self.fy, "width": self.width, "height": self.height}
-        for name, value in {**sizes, "pose.height_m": self.pose.height_m}.items():
-            if not (math.isfinite(value) and value > 0):
+        names = ("fx", "fy", "width", "height", "pose.height_m")
+        for name, value in zip(names, (self.fx, self.fy, self.width, self.height, self.pose.height_m), strict=True):
+            if not 0 < value < math.inf:
                 raise ParameterError(f"{value!r} is not above zero", where=f"camera model: {name}")
 
     @classmethod

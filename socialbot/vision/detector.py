@@ -17,8 +17,9 @@ _TALLER = 4 / 3  # A taller box may be the whole body, and the better one its up
 
 def clip(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
     """Clip ``boxes``, (n, 4) as x, y, w, h in pixels, to the image; a box outside gets a size of 0."""
-    corner = np.clip(boxes[:, :2], 0, (width, height))
-    opposite = np.clip(boxes[:, :2] + boxes[:, 2:], 0, (width, height))
+    corner, size = boxes[:, :2], np.array((width, height))
+    opposite = np.minimum(np.maximum(corner + boxes[:, 2:], 0), size)
+    corner = np.minimum(np.maximum(corner, 0), size)
     return np.hstack([corner, opposite - corner])
 
 
@@ -70,15 +71,16 @@ def shared_area(one: np.ndarray, many: np.ndarray) -> np.ndarray:
     """Area that ``one``, shape (4,), shares with each of ``many``, (n, 4)."""
     corner = np.maximum(one[:2], many[:, :2])
     opposite = np.minimum(one[:2] + one[2:], many[:, :2] + many[:, 2:])
-    return np.prod(np.clip(opposite - corner, 0, None), axis=1)
+    sides = np.maximum(opposite - corner, 0)
+    return sides[:, 0] * sides[:, 1]
 
 
 def contained(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Whether each of ``boxes`` (n, 4) lies mostly within each of ``others`` (m, 4): bool, shape (n, m)."""
     corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
     opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
-    shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
-    return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)
+    sides = np.maximum(opposite - corner, 0)
+    return sides[:, :, 0] * sides[:, :, 1] > _WITHIN * (boxes[:, 2] * boxes[:, 3])[:, None]
 
 
 def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ than the person.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -189,16 +189,14 @@ def measure(
     log = float(by_distance @ _LOGS)
     std = max(math.sqrt(float(by_distance @ (_LOGS - log) ** 2)), _STEP / 2)
     by_posture: dict[Posture, float] = {}
+    whole = 0.0
     for each, share in zip(hypotheses, shares.sum(axis=1).tolist(), strict=True):
         by_posture[each.posture] = by_posture.get(each.posture, 0.0) + share
+        if each.posture == "standing" and each.bottom == 0 and not each.free:
+            whole += share
     best = max(by_posture, key=lambda posture: by_posture[posture])
-    whole = sum(
-        shares[number].sum()
-        for number, each in enumerate(hypotheses)
-        if each.posture == "standing" and each.bottom == 0 and not each.free
-    )
     posture = best if by_posture[best] > _CLEAR else "unknown"
-    return Measurement(_metres(_Cue(log, std)), posture, bool(whole > _WHOLE))
+    return Measurement(_metres(_Cue(log, std)), posture, whole > _WHOLE)
 
 
 def _agreement(shares: np.ndarray, expected: Expected, floor: np.ndarray) -> np.ndarray:
@@ -255,26 +253,31 @@ def _likelihood(camera: CameraModel, view: _BoxAngles, hypotheses: Sequence[_Hyp
     The tangents of its top and bottom have errors of their own, and common ones: those of the camera's pose.
     """
 
-    def column(values: Iterable[float]) -> np.ndarray:
-        return np.array(list(values))[:, None]
-
-    height = camera.pose.height_m
-    lower_end = column(each.bottom for each in hypotheses)
+    height, pitch_std = camera.pose.height_m, camera.pose.pitch_std_rad
+    columns = [
+        (
+            each.top.value,
+            math.hypot(each.top.std, _POSTURE * each.top.value),
+            each.bottom,
+            each.toes.value,
+            each.toes.std,
+            math.hypot(pitch_std, _FREE_RAD if each.free else _MOUNT_RAD),
+            math.log(each.width.value / 2 / view.half),
+            math.hypot(each.width.std / each.width.value, _WIDE_SHARE),
+        )
+        for each in hypotheses
+    ]
+    head, tall, lower_end, toes, toes_std, pitch, width, wide = np.array(columns).T[:, :, None]
     on_floor = lower_end == 0
-    toes = column(each.toes.value for each in hypotheses)
     lowest = np.where(on_floor, np.maximum(_DISTANCES - toes, _NEAREST_M), _DISTANCES)
-    top = view.top - (column(each.top.value for each in hypotheses) - height) / _DISTANCES
+    top = view.top - (head - height) / _DISTANCES
     bottom = view.bottom - (lower_end - height) / lowest
     at_top, at_bottom = 1 + view.top**2, 1 + view.bottom**2
-    pitch_std = camera.pose.pitch_std_rad
-    pitch = column(math.hypot(pitch_std, _FREE_RAD if each.free else _MOUNT_RAD) for each in hypotheses)
     lift = camera.pose.height_std_m / _DISTANCES
     mixed = -camera.pose.correlation * pitch_std * lift
-    tall = column(math.hypot(each.top.std, _POSTURE * each.top.value) for each in hypotheses)
     variance_top = view.edge**2 + (tall / _DISTANCES) ** 2
     variance_top = variance_top + (pitch * at_top) ** 2 + lift**2 + 2 * mixed * at_top
     # Hidden feet end anywhere.
-    toes_std = column(each.toes.std for each in hypotheses)
     vague = np.where(on_floor, height * toes_std / lowest**2, _LEVEL_STD / _DISTANCES) ** 2
     variance_bottom = (view.edge * at_bottom) ** 2 + vague + (pitch * at_bottom) ** 2 + lift**2 + 2 * mixed * at_bottom
     common = pitch**2 * at_top * at_bottom + lift**2 + mixed * (at_top + at_bottom)
@@ -293,8 +296,7 @@ def _likelihood(camera: CameraModel, view: _BoxAngles, hypotheses: Sequence[_Hyp
         log += _log_normal_cdf(-(top - bottom * common / variance_bottom) / np.sqrt(rest))
     else:
         log = _log_normal_cdf(bottom / np.sqrt(variance_bottom)) + _log_normal_cdf(-top / np.sqrt(variance_top))
-    wide = column(math.hypot(each.width.std / each.width.value, _WIDE_SHARE) for each in hypotheses)
-    wider = (column(math.log(each.width.value / 2 / view.half) for each in hypotheses) - _LOGS) / wide
+    wider = (width - _LOGS) / wide
     log += _log_normal_cdf(wider) if cut.left or cut.right else -0.5 * wider**2 - np.log(wide)
     return log
 

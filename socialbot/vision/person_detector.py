@@ -61,6 +61,7 @@ _CHECK_S, _LONGEST_CHECK_S = 0.5, 60.0  # Pauses between two checks, doubled aft
 _TURNED_SCORE, _BETTER = 0.6, 0.05  # Score of people in a turned image, and its lead over that in upright ones.
 _TURNS = {1: "90 degrees anticlockwise", 2: "180 degrees", 3: "90 degrees clockwise"}
 """Turns of an image by the number of quarter turns."""
+_ROTATIONS = {1: cv2.ROTATE_90_COUNTERCLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_CLOCKWISE}
 
 
 class _TurnedCamera:
@@ -83,7 +84,7 @@ class _TurnedCamera:
         if self.done or stamp < self._next:
             return ""
         turns = self._left.pop()
-        found = self._detector.detect(np.ascontiguousarray(np.rot90(image, turns)))
+        found = self._detector.detect(cv2.rotate(image, _ROTATIONS[turns]))
         self._scores[turns] = float(found.scores.max(initial=0.0))
         self._next = stamp + round(self._pause * SECOND)
         return "" if self._left else self._judge()
@@ -290,7 +291,8 @@ class PersonDetector(Node):
     def on_image(self, image: Image) -> None:
         camera = self._placed(self._camera_of(image), image)
         yaw_rad = self._sensors.camera_yaw(image.frame_id, image.stamp)
-        camera = replace(camera, yaw_rad=yaw_rad)
+        if yaw_rad is not None:
+            camera = replace(camera, yaw_rad=yaw_rad)
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
         bgr = image.bgr()
         time = self._time.at(image.stamp, self.clock.now())

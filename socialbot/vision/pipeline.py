@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
@@ -240,7 +241,8 @@ class PersonPipeline:
         """Track the people ``found`` in an image, and measure their distance."""
         if self.tracker is None:
             return self.measured(found, camera, depth)
-        turn = self._camera_motion.follow(image_bgr, found.boxes, camera)
+        grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
+        turn = self._camera_motion.follow(grey, found.boxes, camera)
         camera = self._located(camera)
         looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
         size = image_bgr.shape[1], image_bgr.shape[0]
@@ -264,7 +266,7 @@ class PersonPipeline:
             self._faces.look(image_bgr, stamp_ns, tracks, attention)
         if self.hide_still:
             people = {name for name, each in attention.items() if each.is_person(stamp_ns)}
-            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful, people)
+            tracks = self._static_objects.people(grey, stamp_ns, tracks, self.tracker.doubtful, people)
         tracks = self._with_hidden_feet(tracks)
         return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns, depth), depth)
 

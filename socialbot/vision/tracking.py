@@ -192,8 +192,9 @@ class Tracker:
         matched = [self._persons[number] for number in taken]
         if recognising:
             for person, index in zip(matched, seen, strict=True):
-                shared = shared_area(boxes[index], boxes[seen]) > _TOUCHING * np.prod(boxes[index, 2:])
-                self._look(person, looks[index], touched=shared.sum() > 1)
+                box = boxes[index]
+                shared = shared_area(box, boxes[seen]) > _TOUCHING * box[2] * box[3] if len(seen) > 1 else None
+                self._look(person, looks[index], touched=shared is not None and shared.sum() > 1)
         for person in matched:
             if (person.due and not self._is_double(person)) or (person.new and recognising):
                 self._confirm(person)

@@ -149,7 +149,7 @@ def test_whatever_is_seen_the_state_stays_sound(steps):
 
 def _room() -> np.ndarray:
     noise = np.random.default_rng(0).integers(0, 255, (30, 50, 3)).astype(np.uint8)
-    return cv2.resize(noise, (1000, 600), interpolation=cv2.INTER_LINEAR)
+    return cv2.cvtColor(cv2.resize(noise, (1000, 600), interpolation=cv2.INTER_LINEAR), cv2.COLOR_BGR2GRAY)
 
 
 @pytest.mark.parametrize(("across", "down"), [(24, 0), (-40, 8), (0, -16)])
@@ -177,7 +177,7 @@ def _turned(first: np.ndarray, second: np.ndarray, yaw_rad: float) -> tuple[np.n
 
 
 def test_stated_turn_counts_where_nothing_is_seen():
-    dark = np.zeros((480, 640, 3), np.uint8)
+    dark = np.zeros((480, 640), np.uint8)
     turn, contradicted = _turned(dark, dark, 0.1)
     assert turn is not None
     assert not contradicted

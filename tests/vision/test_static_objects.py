@@ -74,8 +74,7 @@ class Camera:
             )
             for name, (_, box) in things.items()
         ]
-        color = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        kept = self.filter.people(color, self.count * SECOND // 10, tracks, people=self.people)
+        kept = self.filter.people(image, self.count * SECOND // 10, tracks, people=self.people)
         return {track.id for track in kept}
 
     def key(self, name: str) -> int:
@@ -227,8 +226,7 @@ def test_pixels_that_the_codec_skips_say_nothing():
         frame[y : y + h, x : x + w] = shape
         camera.count += 1
         track = Track("t1", np.array(STAND), 0.6, 0.0, Cut(), key=1)
-        image = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
-        assert camera.filter.people(image, camera.count * SECOND // 10, [track]) == (track,)
+        assert camera.filter.people(frame, camera.count * SECOND // 10, [track]) == (track,)
 
 
 def test_swaying_by_a_pixel_is_enough():
@@ -259,9 +257,8 @@ def test_uncertain_box_is_not_learnt_as_background():
         walker = Track("t1", np.array((4.0 * step, 100.0, 60.0, 240.0)), 0.8, 0.0, Cut(), key=2)
         doubtful = Track("", np.array(STAND), 0.3, 0.0, Cut(), key=1)
         seated = Track("t2", np.array(STAND), 0.5, 0.0, Cut(), key=1)
-        image = cv2.cvtColor(frame.astype(np.uint8), cv2.COLOR_GRAY2BGR)
         who = ([walker, seated], []) if step == 60 else ([walker], [doubtful])
-        seen.append(camera.filter.people(image, step * SECOND // 10, *who))
+        seen.append(camera.filter.people(frame.astype(np.uint8), step * SECOND // 10, *who))
     assert [track.id for track in seen[-1]] == ["t1", "t2"]
 
 
@@ -375,8 +372,8 @@ def test_other_image_size_resets_the_filter():
     scenery = StaticObjectFilter(CERTAIN)
     track = Track("t1", np.array((10.0, 10.0, 20.0, 40.0)), 0.9, 0.0, Cut())
     for step in range(9):
-        scenery.people(np.zeros((100, 100, 3), np.uint8), step * SECOND, [track])
-    assert scenery.people(np.zeros((80, 100, 3), np.uint8), 9 * SECOND, [track]) == (track,)
+        scenery.people(np.zeros((100, 100), np.uint8), step * SECOND, [track])
+    assert scenery.people(np.zeros((80, 100), np.uint8), 9 * SECOND, [track]) == (track,)
 
 
 def test_object_stays_removed_after_a_shadow():
@@ -423,8 +420,7 @@ def test_turning_camera_removes_nobody():
     for step in range(30):
         picture = np.roll(ROOM, 7 * step, axis=1).astype(np.uint8)
         track = Track("t1", np.array(STAND), 0.9, 0.0, Cut())
-        image = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-        assert scenery.people(image, step * SECOND // 10, [track]) == (track,)
+        assert scenery.people(picture, step * SECOND // 10, [track]) == (track,)
 
 
 def test_scores_count_while_the_camera_turns():
@@ -467,4 +463,4 @@ def test_new_recording_forgets_objects():
 def test_image_without_tracks():
     scenery = StaticObjectFilter(CERTAIN)
     for step in range(3):
-        assert scenery.people(np.zeros((48, 64, 3), np.uint8), step * SECOND, []) == ()
+        assert scenery.people(np.zeros((48, 64), np.uint8), step * SECOND, []) == ()
