@@ -390,9 +390,12 @@ def _videos(bag: Bag) -> list[str]:
     """Topics of ``bag`` whose video is decoded. Raises BagError if there are none, or their images have no topic."""
     videos = [topic.name for topic in bag.topics if topic.type in DECODED_TYPES and topic.count]
     taken = sorted({image_topic_of(name) for name in videos} & {topic.name for topic in bag.topics if topic.count})
-    if not videos or taken:
-        what = f"has messages on {taken[0]} already" if taken else "has no video packets that can be decoded"
-        raise BagError(what, where=str(bag.path), remedy=f"known are {' and '.join(DECODED_TYPES)}")
+    if taken:
+        what, remedy = f"has messages on {taken[0]} already", "use those images, or leave them out of the bag"
+    else:
+        what, remedy = "has no video packets that can be decoded", f"known are {' and '.join(DECODED_TYPES)}"
+    if taken or not videos:
+        raise BagError(what, where=str(bag.path), remedy=remedy)
     return videos
 
 

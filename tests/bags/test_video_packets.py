@@ -85,6 +85,8 @@ def images(path: Path, topic: str) -> list[CompressedImage]:
         (FOXGLOVE_VIDEO, "h264", "libx264"),
         (FOXGLOVE_VIDEO, "h265", "libx265"),
         (FOXGLOVE_VIDEO, "vp9", "libvpx-vp9"),
+        (FFMPEG_PACKET, "libvpx_vp8", "libvpx"),
+        (FFMPEG_PACKET, "mpeg4", "mpeg4"),
         (FOXGLOVE_VIDEO, "av1", "libsvtav1"),
     ],
 )
