@@ -18,7 +18,7 @@ def test_schedules_depend_on_seeds_only_and_have_all_worlds():
 
 
 @pytest.mark.parametrize(
-    "number", [0, 1, 19, *(pytest.param(one, marks=pytest.mark.slow) for one in (2, 3, 24, 93, 113, 119))]
+    "number", [0, 1, *(pytest.param(one, marks=pytest.mark.slow) for one in (2, 3, 19, 24, 93, 113, 119))]
 )
 def test_everything_that_can_be_done_is_done(number: int):
     outcome = play(schedules(number + 1)[number])

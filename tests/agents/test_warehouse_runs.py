@@ -39,6 +39,7 @@ def fine(result: Result) -> Result:
     return result
 
 
+@pytest.mark.slow
 def test_run_1_sorts_six_boxes_without_abort():
     result = fine(play(Story(seed=4)))
     assert result.reached
@@ -47,6 +48,7 @@ def test_run_1_sorts_six_boxes_without_abort():
     assert result.steps == 28 + 3 + 6  # the carriers come once, and go and unload
 
 
+@pytest.mark.slow
 def test_run_2_replans_after_lost_carrier():
     records: list[TraceRecord] = []
     result = fine(play(Story(seed=4, run=2), records.append))
@@ -114,6 +116,7 @@ def test_a_sensor_that_is_silent_for_ever_costs_only_what_needs_it(tmp_path):
     assert "without sensor status of carrier_a: nothing can make (carrier_moving carrier_a" in run.end
 
 
+@pytest.mark.slow
 def test_same_seed_gives_same_records():
     story = Story(seed=9, faults="6 leaves carrier_b; 12 slips", kills=(Kill(9.0, "carrier_a", 1.0),), limit_s=25.0)
     first: list[TraceRecord] = []

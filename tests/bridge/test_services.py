@@ -286,7 +286,7 @@ class TestActions:
             in_thread(hosted, lambda node: node.start_count(order))
             assert only_result(hosted).outcome == outcome
 
-    @pytest.mark.parametrize("early", [True, False])
+    @pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.slow)])
     def test_cancelled_goal_returns_what_was_done(self, servers, early):
         with active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(99))
@@ -296,7 +296,7 @@ class TestActions:
             assert result.outcome == "cancelled"
             assert result.message is None or list(result.message.sequence) == list(hosted.node.seen)
 
-    @pytest.mark.parametrize("early", [True, False])
+    @pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.slow)])
     def test_a_node_that_stops_cancels_its_goals(self, early):
         """A robot must not drive on when the graph has ended."""
         with foreign_servers() as process:

@@ -111,7 +111,9 @@ def damaged(stamp: int) -> CompressedImage:
     [
         ("/camera/image_raw/compressed", empty, "0 bytes|empty|no data"),
         ("/camera/image_raw/compressed", damaged, "JPEG|jpeg"),
-        ("/camera/image_raw", lambda stamp: raw(stamp, encoding="yuv999"), "yuv999"),
+        pytest.param(
+            "/camera/image_raw", lambda stamp: raw(stamp, encoding="yuv999"), "yuv999", marks=pytest.mark.slow
+        ),
         ("/camera/image_raw", lambda stamp: raw(stamp, size=100), "768 bytes are needed"),
     ],
     ids=["zero length", "damaged jpeg", "unknown encoding", "wrong size"],

@@ -307,7 +307,7 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
 def test_a_replay_beside_a_node_of_its_names_is_refused(short_bag: Path, tmp_path: Path, onlooker: Any) -> None:
     graph = detector_graph("Detector", tmp_path)
     graph.write_text(graph.read_text().replace("  detector:", "  head:"))
-    with spinning_node("head"):
+    with running("node", "head"):
         assert eventually(lambda: "head" in onlooker.get_node_names())
         done = socialbot_here(
             "replay", short_bag, "--runner", "ros", "--no-video", "--composed", "--graph", graph,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -91,6 +92,7 @@ def test_any_detections_cause_polite_actions(scenes, manners):
     assert set(at["greeting"]) <= set(came)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(SCENES, MANNERS)
 def test_same_frames_give_the_same_trace(scenes, manners):

@@ -116,7 +116,7 @@ def _detect_once(detector: HogDetector, image: np.ndarray) -> Detections:
     """What HOG finds in an image; many tests evaluate the same ones, and it takes a quarter of a second."""
     key = (
         image.shape,
-        sha256(np.ascontiguousarray(image)).digest(),
+        sha256(image.tobytes()).digest(),
         detector.threshold,
         detector.horizon,
         detector.camera_height,

@@ -165,6 +165,7 @@ def test_speed_is_measured_on_request(tmp_path):
     assert 0 < speed.frames_per_s < 1000
 
 
+@pytest.mark.slow
 def test_speed_of_a_few_images(tmp_path):
     speed = carried_out(image_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
     assert speed is not None
