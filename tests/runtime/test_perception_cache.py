@@ -22,6 +22,7 @@ from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input
 from socialbot.runs.record import RunRecord
 from socialbot.runtime import perception_cache
+from socialbot.runtime._memory_nodes import PUBLISHED, StepRecorder
 from socialbot.runtime.bag_source import BagSource
 from socialbot.runtime.perception_cache import CacheFolder, PerceptionCache, describe
 from socialbot.runtime.run import RunResult, run
@@ -330,3 +331,10 @@ def test_a_graph_from_a_module_without_a_file_is_not_cached():
     assert sys.modules[Watcher.__module__].__file__
     config = NodeConfig("watcher", type("Loose", (Watcher,), {"__module__": "__main__"}))
     assert perception_cache._code_roots(config.type) is None
+
+
+def test_the_first_reason_against_a_recording_is_kept():
+    recorder = StepRecorder(lambda step: None)
+    recorder.refuse("a node set a timer")
+    recorder.note(PUBLISHED, "seen", b"")
+    assert recorder.refused == "a node set a timer"
