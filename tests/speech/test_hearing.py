@@ -269,11 +269,16 @@ def test_speech_is_recognised_the_same_each_time() -> None:
 
 
 @pytest.mark.slow
-def test_language_that_the_model_lacks() -> None:
-    needs_networks("tiny.en")
-    with pytest.raises(ParameterError, match=r"'tiny.en' does not know de") as caught:
-        Ear(Hearing, model="tiny.en", languages="en,de")
-    assert (caught.value.where, caught.value.remedy) == ("hearing.languages", "choose the model 'base'")
+@pytest.mark.parametrize(
+    ("model", "language", "remedy"),
+    [("tiny.en", "de", "choose the model 'base'"), ("base", "tlh", "choose from af, am, ")],
+)
+def test_language_that_the_model_lacks(model: str, language: str, remedy: str) -> None:
+    needs_networks(model)
+    with pytest.raises(ParameterError, match=rf"'{model}' does not know {language}") as caught:
+        Ear(Hearing, model=model, languages=f"en,{language}")
+    assert caught.value.where == "hearing.languages"
+    assert str(caught.value.remedy).startswith(remedy)
 
 
 def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -> None:
