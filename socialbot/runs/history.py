@@ -46,6 +46,8 @@ class History:
         self._stamps: list[int] = []
         self._by_id: dict[str, list[TraceRecord]] = {}
         self._by_cause: dict[str, list[TraceRecord]] = {}
+        self._plans: dict[tuple[str, int], list[TraceRecord]] = {}
+        """Starts of plans by agent and number."""
         self._agents: dict[str, None] = {}
         self._hints = Hints(self)
         self._late: list[int] = []
@@ -98,7 +100,7 @@ class History:
         self._late.clear()
         self.forgotten += count
         self.hide(self._stamps[0] if self._stamps else self.start)
-        self._by_id, self._by_cause = {}, {}
+        self._by_id, self._by_cause, self._plans = {}, {}, {}
         for each in self._records:
             kept.pop(id(each), None)
         for each in (*sorted(kept.values(), key=lambda record: record.stamp), *self._records):
@@ -125,6 +127,9 @@ class History:
         for name in names_of(record):
             self._by_id.setdefault(name, []).append(record)
         self._by_cause.setdefault(record.cause, []).append(record)
+        number = record.detail.get("plan")
+        if record.kind == "plan_start" and isinstance(number, int):
+            self._plans.setdefault((record.source, number), []).append(record)
 
     def __len__(self) -> int:
         return len(self._records)
@@ -192,6 +197,11 @@ class History:
     def find(self, id: str) -> TraceRecord | None:
         found = self._by_id.get(id)
         return found[-1] if found else None
+
+    def plan(self, agent: str, number: int, stamp: int) -> TraceRecord | None:
+        """Return the latest start of the plan ``number`` of an agent up to ``stamp`` (ns)."""
+        begun = [each for each in self._plans.get((agent, number), ()) if each.stamp <= stamp]
+        return max(reversed(begun), key=lambda each: each.stamp, default=None)
 
     def cause(self, record: TraceRecord) -> TraceRecord | None:
         """Return the record that caused ``record``, also if only `Hints` can derive it."""

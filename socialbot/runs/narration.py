@@ -395,11 +395,8 @@ def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
     for each in history.before(step):
         if each.kind == "plan_start" and each.source == director and number in (None, each.detail.get("plan")):
             return each
-    if number is None:
-        return None
-    before = history.back(history.start, step.stamp)
-    numbered = (each for each in before if each.kind == "plan_start" and each.source == director)
-    return next((each for each in numbered if each.detail.get("plan") == number), None)
+    is_numbered = isinstance(number, int) and isinstance(director, str)
+    return history.plan(director, number, step.stamp) if is_numbered else None
 
 
 def step_in(line: str) -> str:

@@ -156,11 +156,12 @@ _MEMORY = 20.0  # An exemplar is a mean over about so many looks.
 class Appearance:
     """Looks of one person as a few exemplars, for example the front and the back."""
 
-    __slots__ = ("_counts", "_exemplars")
+    __slots__ = ("_counts", "_exemplars", "_usual")
 
     def __init__(self, looks: Iterable[np.ndarray] = ()) -> None:
         self._exemplars: list[np.ndarray] = []
         self._counts: list[int] = []
+        self._usual: np.ndarray | None = None
         for look in looks:
             self.see(look)
 
@@ -172,6 +173,7 @@ class Appearance:
         """Learn a look, (2, bins); one without any colours is ignored."""
         if np.isnan(look[:, 0]).all():
             return
+        self._usual = None
         if self._exemplars:
             far = _distances(np.array(self._exemplars), look[None])[:, 0]
             nearest = int(np.argmin(far))
@@ -189,22 +191,24 @@ class Appearance:
 
     def distances(self, looks: np.ndarray) -> np.ndarray:
         """Distance of each look (n, 2, bins) to the nearest exemplar, 0 to 1; infinite if nothing can be compared."""
-        usual = self._usual()
-        return _distances(np.array(usual), looks).min(axis=0) if usual and len(looks) else np.full(len(looks), np.inf)
+        usual = self._find_usual()
+        return _distances(usual, looks).min(axis=0) if len(usual) and len(looks) else np.full(len(looks), np.inf)
 
     def distance_to(self, other: Appearance) -> float:
         """Least distance of the exemplars of two people, 0 to 1; infinite if nothing can be compared."""
-        return float(self.distances(np.array(other._usual())).min(initial=np.inf))
+        return float(self.distances(other._find_usual()).min(initial=np.inf))
 
     def learn(self, other: Appearance) -> None:
         """Add the exemplars of another track of the same person."""
         for look in other._exemplars:
             self.see(look)
 
-    def _usual(self) -> list[np.ndarray]:
-        """Exemplars that were seen more than once, if there are such."""
-        often = [each for each, count in zip(self._exemplars, self._counts, strict=True) if count > 1]
-        return often or self._exemplars
+    def _find_usual(self) -> np.ndarray:
+        """Exemplars that were seen more than once, if there are such, (n, 2, bins); kept until the next look."""
+        if self._usual is None:
+            often = [each for each, count in zip(self._exemplars, self._counts, strict=True) if count > 1]
+            self._usual = np.array(often or self._exemplars)
+        return self._usual
 
 
 def _distances(some: np.ndarray, others: np.ndarray) -> np.ndarray:

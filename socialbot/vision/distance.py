@@ -252,7 +252,6 @@ def _likelihood(camera: CameraModel, view: _BoxAngles, hypotheses: Sequence[_Hyp
 
     The tangents of its top and bottom have errors of their own, and common ones: those of the camera's pose.
     """
-
     height, pitch_std = camera.pose.height_m, camera.pose.pitch_std_rad
     columns = [
         (

@@ -199,7 +199,7 @@ class Tracker:
             if (person.due and not self._is_double(person)) or (person.new and recognising):
                 self._confirm(person)
         # Largest first, so that parts of a person find the whole.
-        left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
+        left = [each for each in np.argsort(-boxes[:, 2] * boxes[:, 3], kind="stable").tolist() if each not in seen]
         for index in [index for index in left if scores[index] >= self.sure]:
             at_once = after_gap or bool(scores[index] >= self._above(_AT_ONCE))
             self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=at_once)

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import time
+
 import pytest
 
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
+from socialbot.runs.history import History
 from socialbot.runs.narration import Narrator, Wording
 from tests.runs.deliberating_runs import DETOUR, PHRASES, desire, plan, plan_end, record, request, step, step_end
 
@@ -178,3 +182,29 @@ def test_failed_action_is_reported_once():
 
 def test_action_without_enough_objects_keeps_its_call():
     assert Wording(phrases=PHRASES).call("go", ["a"]) == "go a"
+
+
+def _time_to_tell(count: int, *, is_recorded: bool) -> float:
+    """Least processor time (s) for the sentences of ``count`` steps of one plan, whose start may not be recorded."""
+    begin = TraceRecord(stamp=0, id="plan", source="planner", kind="plan_start", what="d", detail={"plan": 1})
+    detail = {"directed_by": "planner", "plan": 1}
+    steps = [
+        TraceRecord(
+            stamp=number * SECOND, id=f"step-{number}", source="robot", kind="step", what="(wait robot)", detail=detail
+        )
+        for number in range(1, count + 1)
+    ]
+    history = History([begin, *steps] if is_recorded else steps, start=0)
+    narrator, times = Narrator(Wording(), history), []
+    for _ in range(3):
+        before = time.process_time()
+        for each in steps:
+            narrator.clause(each)
+        times.append(time.process_time() - before)
+    return min(times)
+
+
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_the_time_for_the_sentence_of_a_step_does_not_grow_with_the_run(is_recorded):
+    short, long = (_time_to_tell(count, is_recorded=is_recorded) for count in (250, 2000))
+    assert long < 8 * 3 * short, "eight times as many steps"
