@@ -3,6 +3,7 @@ from __future__ import annotations
 import time
 
 import pytest
+from msgspec.structs import replace
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
@@ -188,12 +189,8 @@ def _time_to_tell(count: int, *, is_recorded: bool) -> float:
     """Least processor time (s) for the sentences of ``count`` steps of one plan, whose start may not be recorded."""
     begin = TraceRecord(stamp=0, id="plan", source="planner", kind="plan_start", what="d", detail={"plan": 1})
     detail = {"directed_by": "planner", "plan": 1}
-    steps = [
-        TraceRecord(
-            stamp=number * SECOND, id=f"step-{number}", source="robot", kind="step", what="(wait robot)", detail=detail
-        )
-        for number in range(1, count + 1)
-    ]
+    one = TraceRecord(stamp=0, id="", source="robot", kind="step", what="(wait robot)", detail=detail)
+    steps = [replace(one, stamp=number * SECOND, id=f"step-{number}") for number in range(1, count + 1)]
     history = History([begin, *steps] if is_recorded else steps, start=0)
     narrator, times = Narrator(Wording(), history), []
     for _ in range(3):
