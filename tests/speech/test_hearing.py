@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import psutil
@@ -271,14 +272,14 @@ def test_speech_is_recognised_the_same_each_time() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "language", "remedy"),
-    [("tiny.en", "de", "choose the model 'base'"), ("base", "tlh", "choose from af, am, ")],
+    [("tiny.en", "de", "choose the model 'base'"), ("base", "tlh", "choose from af, am, .*")],
 )
 def test_language_that_the_model_lacks(model: str, language: str, remedy: str) -> None:
     needs_networks(model)
     with pytest.raises(ParameterError, match=rf"'{model}' does not know {language}") as caught:
         Ear(Hearing, model=model, languages=f"en,{language}")
     assert caught.value.where == "hearing.languages"
-    assert str(caught.value.remedy).startswith(remedy)
+    assert re.fullmatch(remedy, str(caught.value.remedy))
 
 
 def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -> None:
