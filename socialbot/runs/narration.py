@@ -395,8 +395,9 @@ def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
     for each in history.before(step):
         if each.kind == "plan_start" and each.source == director and number in (None, each.detail.get("plan")):
             return each
-    is_numbered = isinstance(number, int) and isinstance(director, str)
-    return history.plan(director, number, step.stamp) if is_numbered else None
+    if isinstance(number, int) and isinstance(director, str):
+        return history.plan(director, number, step.stamp)
+    return None
 
 
 def step_in(line: str) -> str:
