@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,6 +34,15 @@ STEP = 100_000_000
 NAMES = {FFMPEG_PACKET: "/camera/image_raw/ffmpeg", FOXGLOVE_VIDEO: "/camera/front"}
 IMAGES = {FFMPEG_PACKET: "/camera/image_raw/compressed", FOXGLOVE_VIDEO: "/camera/front/compressed"}
 
+AV1 = [
+    "EgAKCgAAAAM3++NXzAIygQEUACAgIAAAAPAI1/8RCli8pw2DH6x98NP3Fv9GRcymskaR6D8UptDzrhvhG6Xer7V8xhL+Lcg7Js8O"
+    "EL9yyf3fqz15DAVxv5MooJAlZOcMn1Ac/EV/TPSnHzAn2CXuC5KX6OKNuc7YLyUAgNH9PAcNPM7nEy//Rjh1MzFLnLNEFcA=",
+    "EgAyNigCACSSST0BAAwwQQAAADAA2r14lULNp0KfUsvYin0urWv12EdRzbT9tyTRC/JOawe+lOUUwDITMAIECSQAegKAAACAAAMAAI08zA==",
+    "EgAaAYg=",
+    "EgAyEjAGAgAAAHoCgAAAgAAAAIBigA==",
+]
+"""The first four images, encoded by SVT-AV1 (base64). That encoder gives the threads of root real-time priority."""
+
 
 def pixels(number: int) -> np.ndarray:
     image = np.full((96, 128, 3), 40, np.uint8)
@@ -42,6 +52,9 @@ def pixels(number: int) -> np.ndarray:
 
 def packets(encoder: str, count: int = 12, tune: str = "zerolatency") -> Iterator[tuple[int, bytes]]:
     """Yield the number and the packet of each image, in the order of the encoder."""
+    if encoder == "av1":
+        yield from enumerate(map(b64decode, AV1))
+        return
     context = av.CodecContext.create(encoder, "w")
     context.width, context.height, context.pix_fmt = 128, 96, "yuv420p"
     context.framerate, context.bit_rate = 10, 2_000_000
@@ -87,7 +100,7 @@ def images(path: Path, topic: str) -> list[CompressedImage]:
         (FOXGLOVE_VIDEO, "vp9", "libvpx-vp9"),
         (FFMPEG_PACKET, "libvpx_vp8", "libvpx"),
         (FFMPEG_PACKET, "mpeg4", "mpeg4"),
-        (FOXGLOVE_VIDEO, "av1", "libsvtav1"),
+        (FOXGLOVE_VIDEO, "av1", "av1"),
     ],
 )
 def test_each_packet_becomes_the_image_of_its_time(tmp_path: Path, kind: str, encoding: str, encoder: str) -> None:
