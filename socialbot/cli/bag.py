@@ -56,7 +56,7 @@ def play(
     from socialbot.graph.files import load_graph
 
     if graph is None:
-        expect_effect(context, ("image_topic", "pace"), "without --graph")
+        expect_effect(context, ("image_topic", "pace") if pace else ("image_topic",), "without --graph")
     with open_bag(path) as opened:
         if graph is None:
             topics = {topic.name: topic.name for topic in opened.topics if topic.count}
@@ -131,7 +131,7 @@ def import_(
     from socialbot.vision.camera_node import is_device, open_frames
 
     if is_device(source):
-        expect_effect(context, ("image_rate", "start", "sound"), "for a camera")
+        expect_effect(context, ("image_rate", "start", "sound") if sound else ("image_rate", "start"), "for a camera")
     elif not Path(source).is_dir():
         expect_effect(context, ("image_rate",), "for a video, which has time stamps")
     with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:

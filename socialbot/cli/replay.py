@@ -64,7 +64,7 @@ def replay_bag(
 
     console = Console()
     enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"), verbose=verbose)
-    if runner == "ros":
+    if cache and runner == "ros":
         options.expect_effect(context, ("cache",), "with --runner ros")
     if not show_page:
         options.expect_effect(context, ("port",), "without --inspect")

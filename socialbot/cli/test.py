@@ -100,7 +100,7 @@ def test(
 
     console = Console(soft_wrap=True)
     enter_domain(context, console, domain, runner, ("domain",), verbose=verbose)
-    if runner == "ros":
+    if cache and runner == "ros":
         options.expect_effect(context, ("cache",), "with --runner ros")
     trials = [Trial(each, None, tuple(changes or ()), runner, limit, cache) for each in sources]
     bags = [each for each in trials if each.is_bag]
