@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.codec import encode
 from socialbot.bags.reader import VIDEO_TYPES, open_bag
+from socialbot.bags.video_packets import DECODED_TYPES
 from socialbot.bags.writer import STORAGES, BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
@@ -489,4 +490,6 @@ def test_video_packets_are_named_where_a_bag_has_no_images(tmp_path: Path, kind:
     with open_bag(tmp_path / "bag") as bag, pytest.raises(BagError, match="the bag has no images") as caught:
         bag.choose_image_topic()
     assert caught.value.remedy is not None
-    assert caught.value.remedy.startswith("republish /camera/video as raw or JPEG images")
+    decoded = f"decode its video first: socialbot bag convert {tmp_path / 'bag'} NEW --decode"
+    republished = "republish /camera/video as raw or JPEG images"
+    assert caught.value.remedy == (decoded if kind in DECODED_TYPES else republished)
