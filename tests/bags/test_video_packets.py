@@ -156,6 +156,14 @@ def test_unknown_encodings_and_bags_without_video_are_refused(tmp_path: Path) ->
     with pytest.raises(BagError, match="the video encoding 'prores' is unknown"):
         convert_bag(bag, tmp_path / "new", None, decode=True)
     assert not (tmp_path / "new").exists()
+    bag = video_bag(tmp_path / "both", FOXGLOVE_VIDEO, "h264", list(packets("libx264", 2)))
+    with BagWriter(tmp_path / "again") as writer, open_bag(bag) as opened:
+        for topic, time, kind, data in opened.raw_messages({NAMES[FOXGLOVE_VIDEO]: NAMES[FOXGLOVE_VIDEO]}):
+            writer.write_raw(topic, kind, data, time, definition=DEFINITIONS[kind])
+        image = CompressedImage(stamp=START, frame_id="", format="jpeg", data=np.zeros(9, np.uint8))
+        writer.write(IMAGES[FOXGLOVE_VIDEO], image, START)
+    with pytest.raises(BagError, match="has messages on /camera/front/compressed already"):
+        convert_bag(tmp_path / "again", tmp_path / "new", None, decode=True)
     with BagWriter(tmp_path / "words") as writer:
         writer.write(SAY, Utterance(stamp=START, id="say", text="hello"), START)
     with pytest.raises(BagError, match="has no video packets that can be decoded"):

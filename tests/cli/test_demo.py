@@ -99,7 +99,7 @@ def test_missed_goal_has_an_exit_code(tmp_path):
     assert (tmp_path / "run" / "report.html").exists()
 
 
-DEAF = """
+SPEAKS = """
 from socialbot import Input, Node, Output, Structured
 
 
@@ -114,7 +114,8 @@ class Speaks(Node):
     def start(self):
         self.words.publish(Word(stamp=self.clock.now(), text="hello"))
         self.report_health("ended", "that was all")
-
+"""
+DEAF = f"""{SPEAKS}
 
 class Deaf(Node):
     words = Input(Word, "/words")

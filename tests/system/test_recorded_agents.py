@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.bags.reader import open_bag
+from tests.cli.test_demo import SPEAKS
 from tests.system.running import results, socialbot, socialbot_here
 
 pytestmark = pytest.mark.ros
@@ -46,24 +47,6 @@ def test_a_demo_writes_its_page_and_bag(tmp_path: Path) -> None:
     assert results(folder)["reached"]
     assert (folder / "report.html").exists()
     assert {path.name for path in (folder / "bag").iterdir()} == {"bag.mcap", "graph.yaml", "metadata.yaml"}
-
-
-SPEAKS = """
-from socialbot import Node, Output, Structured
-
-
-class Word(Structured, frozen=True, kw_only=True):
-    text: str
-
-
-class Speaks(Node):
-    is_simulator = True
-    words = Output(Word, "/words")
-
-    def start(self):
-        self.words.publish(Word(stamp=self.clock.now(), text="hello"))
-        self.report_health("ended", "that was all")
-"""
 
 
 def test_a_run_over_ros_records_a_bag(tmp_path: Path) -> None:

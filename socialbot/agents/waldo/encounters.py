@@ -130,8 +130,8 @@ def strides_of(frames: Sequence[Frame], person: str) -> tuple[float, float]:
 def newest_path(path: Path | None, longer: Path | None, *, before: bool) -> Path | None:
     """Return a path with the speed of the slower of two, and the line of the first, since a person may have turned.
 
-    Distances have errors, so a standing person may seem to walk for a moment. Therefore a person who was attentive
-    ``before`` is still attentive as long as one of the two lines leads to the robot.
+    Errors of distances can make a standing person seem to walk for a moment. So a person who was attentive ``before``
+    stays attentive while one of the two lines leads to the robot.
     """
     if path is None or longer is None:
         return path or longer
