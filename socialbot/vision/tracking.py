@@ -50,6 +50,8 @@ _DOUBT_S = 0.35  # A new track waits this long for its second detection.
 _TRUSTED_HITS = 3
 _AT_ONCE = 0.75  # A new track gets an id at once if its score exceeds the sure one by this share of sure - weak.
 _DRIFT = 0.35  # A prediction is trusted while its standard error is below this share of the width.
+_COVERED, _COVERED_S = 0.7, 0.25  # A person of whom a nearer one covers this share is predicted for so long,
+# if the last score is enough to get an id at once: scores of people who were half hidden before are lower.
 _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights per second.
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
 _HIDDEN_S = 1.5  # for at most this long.
@@ -97,6 +99,7 @@ class Tracker:
 
     A lost track is published as predicted for up to ``bridge_s``. Its scores must have reached ``sure``, its prediction
     must be precise, and the person must not be leaving the image or within another box.
+    A person with a high score whom a nearer one covers suddenly is published for at least 0.25 s, also within that box.
 
     The result does not depend on the order of the boxes. Ids are never reused.
 
@@ -433,11 +436,14 @@ class Tracker:
         tracks = [_track(person) for person in seen]
         self.doubtful = tuple(_track(each) for each in self._persons if not each.misses and each not in seen)
         for person in self._persons:
-            if person.id and person.misses and self._trusted(person, size):
-                box = clip(person.motion.box[None], *size)[0] if size else person.motion.box
-                if not ((iou(box, boxes) > _SAME) | contained(box[None], boxes)[0]).any():
-                    cut = cut_off(box, *size) if size else Cut()
-                    tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
+            if not (person.id and person.misses):
+                continue
+            box = clip(person.motion.box[None], *size)[0] if size else person.motion.box
+            hidden = person.score >= self._above(_AT_ONCE) and _is_covered(box, boxes)
+            within = contained(box[None], boxes)[0] & (not hidden)
+            if self._trusted(person, size, hidden=hidden) and not ((iou(box, boxes) > _SAME) | within).any():
+                cut = cut_off(box, *size) if size else Cut()
+                tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
         return tuple(sorted(tracks, key=lambda track: (-track.score, track.key)))
 
     def _is_shown(self, person: TrackedPerson) -> bool:
@@ -447,10 +453,11 @@ class Tracker:
         recent = person.last - person.sure_at <= _RECENT_S * SECOND
         return bool(person.id) and recent and person.best >= self.clear and person.fit >= _EXPECTED
 
-    def _trusted(self, person: TrackedPerson, size: tuple[int, int] | None) -> bool:
+    def _trusted(self, person: TrackedPerson, size: tuple[int, int] | None, *, hidden: bool) -> bool:
         motion = person.motion
+        longest_s = max(self.bridge_s, _COVERED_S) if hidden and self.bridge_s else self.bridge_s
         if (
-            not 0 < person.unseen_s <= self.bridge_s
+            not 0 < person.unseen_s <= longest_s
             or person.hits < _TRUSTED_HITS
             # The score of a person who leaves falls first; a flicker is sudden.
             or person.score < self.sure
@@ -460,6 +467,12 @@ class Tracker:
         cut = cut_off(motion.box, *size) if size else Cut()
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _is_covered(box: np.ndarray, others: np.ndarray) -> bool:
+    """Whether a nearer one of ``others`` (n, 4) covers most of ``box``."""
+    nearer = others[others[:, 1] + others[:, 3] > box[1] + box[3]]
+    return bool((shared_area(box, nearer) > _COVERED * box[2] * box[3]).any())
 
 
 def _track(person: TrackedPerson) -> Track:

@@ -264,6 +264,27 @@ def test_track_within_another_box_is_not_predicted():
     assert [track.box.tolist() for track in scene.show(near)] == [list(near)]
 
 
+@pytest.mark.parametrize(
+    ("bridge_s", "score", "shown"),
+    [(0.15, 0.8, [2, 2, 1, 1]), (0.15, 0.7, [1, 1, 1, 1]), (0.35, 0.8, [2, 2, 2, 1]), (0.0, 0.8, [1, 1, 1, 1])],
+)
+def test_person_who_steps_behind_a_nearer_one_is_predicted(bridge_s, score, shown):
+    scene = Scene(bridge_s=bridge_s)
+    near, far = (260.0, 60.0, 200.0, 400.0), (300.0, 150.0, 50.0, 130.0)
+    first = scene.repeat(10, near, (*far, score))
+    seen = [scene.show(near) for _ in shown]
+    assert [len(tracks) for tracks in seen] == shown
+    assert {track.id for tracks in seen for track in tracks} <= {track.id for track in first}
+    assert {track.id for track in scene.show(near, (*far, score))} == {track.id for track in first}
+
+
+def test_person_before_whom_nobody_steps_is_predicted_no_longer():
+    scene = Scene(bridge_s=0.15)
+    far_away = (20.0, 60.0, 200.0, 400.0)
+    scene.repeat(10, far_away, (*STANDING, 0.8))
+    assert [len(scene.show(far_away)) for _ in range(3)] == [2, 1, 1]
+
+
 def test_predictions_stay_in_the_image():
     scene = Scene(bridge_s=2.0, keep_s=3.0)
     for step in range(10):
