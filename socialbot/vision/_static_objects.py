@@ -73,7 +73,6 @@ _FAMILIAR = 0.8  # A box shows background from this correlation,
 _SAME = 0.9  # from this one if something moves in it,
 _STILL_VAGUE = 0.45  # and from this one if it was an object before, of which a person may hide a half.
 # Below this one, only boxes that have been still for long show objects.
-_SETTLED_S = 0.5  # Something was an object before if it was one for so long: people look like anything as they appear.
 
 _TURNED = 0.5  # The camera turns when the rest of the image correlates less.
 _LEAST_FREE = 0.3  # A box is compared where it is free of other people, if that is this share of it.
@@ -195,7 +194,6 @@ class _History:
     moved: bool = False
     lives: bool = False
     is_object: bool = False
-    object_s: float = 0.0
 
 
 class StaticObjectFilter:
@@ -280,7 +278,6 @@ class StaticObjectFilter:
         was_object = history.is_object
         seconds = (now.stamp - history.stamp) / SECOND
         history.stamp = now.stamp
-        history.object_s += seconds if was_object else 0.0
         if track.unseen_s:
             return was_object
         history.count += 1
@@ -311,7 +308,7 @@ class StaticObjectFilter:
         familiar = self._background.likeness(now, box, free)
         if familiar is not None:
             least = _SAME if is_moving and not was_object else _FAMILIAR
-            if was_object and not history.moved and history.object_s >= _SETTLED_S:
+            if was_object and not history.moved:
                 least = _STILL_VAGUE
             if familiar >= least and min(track.score, history.score) < _FAMILIAR_SCORE * self._certain:
                 return True
@@ -326,8 +323,7 @@ class StaticObjectFilter:
             if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
                 return False
             least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S * (1 + likely) if clear else _STILL_S
-            known_as = _STILL_VAGUE if history.object_s >= _SETTLED_S else _FAMILIAR
-            looks_new = familiar is not None and familiar < known_as
+            looks_new = familiar is not None and familiar < _STILL_VAGUE
             is_object = history.still_s >= least_s or (was_object and not is_moving and not looks_new)
         if is_object and not was_object:
             self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))

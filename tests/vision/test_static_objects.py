@@ -361,20 +361,6 @@ def test_person_who_appears_in_a_box_of_background_is_kept():
     assert camera.look(new=(patterned(7, 80, 240), STAND), walker=(PERSON, at(460))) == {"new", "walker"}
 
 
-def test_person_behind_somebody_who_goes_on_is_kept_as_soon_as_they_look_different():
-    camera = Camera()
-    camera.repeat(25)
-    for step in range(12):
-        camera.look(walker=(PERSON, at(300 + step % 2)))
-    # Where somebody was a second ago, no motion is known.
-    bare, half = (ROOM[120:360, 300:380].copy() for _ in range(2))
-    half[:80] = PERSON[:80]
-    seen = [camera.look(walker=(PERSON, at(460 + step)), far=(bare, STAND)) for step in range(2)]
-    assert seen[-1] == {"walker"}
-    seen = [camera.look(walker=(PERSON, at(462 + step)), far=(half, STAND)) for step in range(3)]
-    assert seen == [{"walker", "far"}] * 3
-
-
 def test_when_everything_changes_at_once_things_stay_things():
     camera = Camera()
     camera.repeat(30, coat=(COAT, STAND))
