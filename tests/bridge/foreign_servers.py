@@ -3,10 +3,15 @@
 /light is a std_srvs/SetBool that is refused when it is lit already; /deaf answers nothing within a minute. /count is a
 test_msgs/Fibonacci: it counts down from ``order`` with feedback every 50 ms, rejects orders above 100, and aborts
 negative ones. With the mode "stubborn" it refuses to cancel; with "hasty" feedback comes every millisecond.
+
+A line of the standard input is another mode: the servers end what they do, and print "ready" when all is as at first.
 """
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Condition, Event
 from typing import Any
 
 import rclpy
@@ -32,6 +37,9 @@ class Servers(Node):
         group = ReentrantCallbackGroup()
         self.lit = False
         self.mode = mode
+        self.over = Event()
+        self.working = 0
+        self.idle = Condition()
         self.create_service(SetBool, "/light", self.on_light, callback_group=group)
         self.create_service(SetBool, "/deaf", self.on_deaf, callback_group=group)
         if Fibonacci is not None:
@@ -42,8 +50,27 @@ class Servers(Node):
                 self.count,
                 callback_group=group,
                 goal_callback=self.on_goal,
-                cancel_callback=lambda _: CancelResponse.REJECT if mode == "stubborn" else CancelResponse.ACCEPT,
+                cancel_callback=lambda _: CancelResponse.REJECT if self.mode == "stubborn" else CancelResponse.ACCEPT,
             )
+
+    def begin_again(self, mode: str) -> None:
+        """End all goals and calls that are in progress, and tell when none is."""
+        self.over.set()
+        with self.idle:
+            self.idle.wait_for(lambda: not self.working)
+        self.over, self.lit, self.mode = Event(), False, mode
+        print("ready", flush=True)
+
+    @contextmanager
+    def work(self) -> Iterator[None]:
+        with self.idle:
+            self.working += 1
+        try:
+            yield
+        finally:
+            with self.idle:
+                self.working -= 1
+                self.idle.notify()
 
     def on_goal(self, goal: Any) -> GoalResponse:
         """Answer when the client is discovered: ROS loses what is told before."""
@@ -62,12 +89,18 @@ class Servers(Node):
         return response
 
     def on_deaf(self, request: Any, response: Any) -> Any:
-        time.sleep(60.0)
+        with self.work():
+            self.over.wait(60.0)
         return response
 
     def count(self, goal: Any) -> Any:
+        with self.work():
+            return self.counted(goal)
+
+    def counted(self, goal: Any) -> Any:
         assert Fibonacci is not None
         result = Fibonacci.Result()
+        over = self.over
         if goal.request.order < 0:
             goal.abort()
             return result
@@ -80,7 +113,9 @@ class Servers(Node):
                 return result
             done.append(left)
             goal.publish_feedback(Fibonacci.Feedback(sequence=done))
-            time.sleep(0.001 if self.mode == "hasty" else 0.05)
+            if over.wait(0.001 if self.mode == "hasty" else 0.05):
+                goal.abort()
+                return result
         goal.succeed()
         result.sequence = done
         return result
@@ -91,7 +126,7 @@ def main() -> None:
     node = Servers(sys.argv[1] if len(sys.argv) > 1 else "")
     executor = MultiThreadedExecutor(4)
     executor.add_node(node)
-    spin_to_the_end(executor)
+    spin_to_the_end(executor, node.begin_again)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread
 
@@ -11,9 +12,18 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.utilities import try_shutdown
 
 
-def spin_to_the_end(executor: Executor) -> None:
-    """Print "ready", spin until the standard input ends, and exit without waiting for threads that still work."""
-    Thread(target=lambda: (sys.stdin.read(), try_shutdown()), daemon=True).start()
+def spin_to_the_end(executor: Executor, on_line: Callable[[str], None] = lambda line: None) -> None:
+    """Print "ready", spin until the standard input ends, and exit without waiting for threads that still work.
+
+    Each line of the standard input goes to ``on_line`` before that.
+    """
+
+    def read() -> None:
+        for line in sys.stdin:
+            on_line(line.rstrip("\n"))
+        try_shutdown()
+
+    Thread(target=read, daemon=True).start()
     print("ready", flush=True)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         executor.spin()

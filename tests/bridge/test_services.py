@@ -76,10 +76,20 @@ def foreign_servers(*mode: str) -> AbstractContextManager[subprocess.Popen[str]]
     return foreign_process("tests.bridge.foreign_servers", *mode)
 
 
+@pytest.fixture(scope="class")
+def shared_servers() -> Iterator[subprocess.Popen[str]]:
+    with foreign_servers() as process:
+        yield process
+
+
 @pytest.fixture
-def servers() -> Iterator[None]:
-    with foreign_servers():
-        yield
+def servers(shared_servers: subprocess.Popen[str], request: pytest.FixtureRequest) -> subprocess.Popen[str]:
+    """Servers that the tests of a class share, with nothing left of other tests. Their mode is a parameter."""
+    assert shared_servers.stdin is not None
+    print(getattr(request, "param", ""), file=shared_servers.stdin, flush=True)
+    while (line := next_line(shared_servers)) != "ready\n":
+        assert line == "cancelled\n"
+    return shared_servers
 
 
 @contextmanager
@@ -105,7 +115,7 @@ def only_result(hosted: Any) -> CallResult:
     return result
 
 
-class TestServices:
+class TestCalls:
     def test_foreign_server_answers_and_refuses(self, servers):
         with active(Caller) as hosted:
             for on in (True, True):
@@ -123,6 +133,77 @@ class TestServices:
             assert (result.outcome, result.message) == ("timeout", None)
             assert "/deaf gave no result within 3 s" in result.reason
 
+    @pytest.mark.parametrize(
+        "way",
+        [
+            "closed",
+            "declared",
+            *(pytest.param(way, marks=pytest.mark.slow) for way in ("closed driver", "optional", "named")),
+        ],
+    )
+    def test_client_in_a_graph_with_keys_has_to_be_opened(self, way, tmp_path, monkeypatch, servers, other_domain):
+        """Anybody in the network can answer, so the answers count only where somebody has decided so."""
+        from socialbot.bridge.keys import new_key
+
+        new_key("robot", tmp_path)
+        monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path))
+        if way == "named":
+            monkeypatch.setenv("SOCIALBOT_OPEN_TOPICS", "/light")
+        if way == "closed driver":  # the graph is open to the network, and so would be its clients of drivers
+            monkeypatch.setenv("SOCIALBOT_DRIVERS", f"{other_domain}:/light")
+            monkeypatch.setenv("ROS_STATIC_PEERS", "127.0.0.2")
+
+        class Guarded(Node):
+            light = Client(
+                SetBool, "/light", deadline_s=30.0, optional=way == "optional", open_to_all=way == "declared"
+            )
+            results: tuple[CallResult, ...] = ()
+
+            def on_result(self, result: CallResult) -> None:
+                self.results += (result,)
+
+        with node_hosts(graph_of(NodeConfig("guarded", Guarded))) as host:
+            hosted = host("guarded")
+            if way.startswith("closed"):
+                assert isinstance(hosted.failure, ParameterError | NodeError)
+                assert "the answers of /light cannot be signed, so anybody in the network could give" in str(
+                    hosted.failure
+                )
+                return
+            assert eventually(lambda: hosted.active_thread is not None)
+            limit_s = 0.5 if way == "optional" else None
+            in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result, deadline_s=limit_s))
+            assert only_result(hosted).outcome == ("absent" if way == "optional" else "succeeded")
+
+    def test_recording_of_a_call_answers_it_in_a_replay(self, servers, tmp_path):
+        from socialbot.bags.reader import open_bag
+        from socialbot.bags.recorded_services import recorded_services
+        from socialbot.bridge import recorder
+
+        counts: dict[str, int] = {}
+        answered: list[bool] = []
+
+        def stopped() -> bool:
+            answered.extend([True] if hosted.node.results else [])
+            return len(answered) > 50  # messages on their way have arrived
+
+        def record() -> None:
+            counts.update(recorder.record(tmp_path / "bag", stopped=stopped).counts)
+
+        with active(Caller) as hosted:
+            thread = threading.Thread(target=record)
+            thread.start()
+            assert eventually(lambda: hosted.ros_node.count_subscribers("/light/_service_event") == 1)
+            in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result))
+            assert only_result(hosted).ok
+            thread.join()
+        assert counts["/light/_service_event"] == 2
+        with open_bag(tmp_path / "bag") as bag:
+            graph = graph_of(NodeConfig("caller", Caller))
+            assert sorted(recorded_services(bag, graph)) == ["/light"]
+
+
+class TestServices:
     def test_absent_server_is_named(self):
         with active(Caller) as hosted:
             in_thread(hosted, lambda node: node.light.call(then=node.on_result, deadline_s=0.3))
@@ -265,9 +346,10 @@ class TestActions:
             assert list(result.message.sequence) == [4, 3, 2, 1]
             assert hosted.node.seen == (4, 3, 2, 1)
 
-    def test_feedback_without_end_does_not_fill_the_memory(self):
+    @pytest.mark.parametrize("servers", ["hasty"], indirect=True)
+    def test_feedback_without_end_does_not_fill_the_memory(self, servers):
         """A node that is busy gets the newest feedback."""
-        with foreign_servers("hasty"), active(Counter) as hosted:
+        with active(Counter) as hosted:
             free = threading.Event()
             in_thread(hosted, lambda node: node.start_count(1000))
             assert eventually(lambda: hosted.node.seen)
@@ -297,22 +379,21 @@ class TestActions:
             assert result.message is None or list(result.message.sequence) == list(hosted.node.seen)
 
     @pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.slow)])
-    def test_a_node_that_stops_cancels_its_goals(self, early):
+    def test_a_node_that_stops_cancels_its_goals(self, servers, early):
         """A robot must not drive on when the graph has ended."""
-        with foreign_servers() as process:
-            with active(Counter) as hosted:
-                in_thread(hosted, lambda node: node.start_count(99))
-                assert eventually(lambda: (early and hosted._services._channels["count"]._goals) or hosted.node.seen)
-            assert next_line(process) == "cancelled\n"
+        with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(99))
+            assert eventually(lambda: (early and hosted._services._channels["count"]._goals) or hosted.node.seen)
+        assert next_line(servers) == "cancelled\n"
 
-    def test_a_goal_can_be_cancelled_without_the_answer_that_it_is_accepted(self, monkeypatch):
+    def test_a_goal_can_be_cancelled_without_the_answer_that_it_is_accepted(self, servers, monkeypatch):
         """A server that starts may answer before it has discovered the client, and the answer is lost."""
         monkeypatch.setattr(ActionChannel, "_on_answer", lambda *_: None)
-        with foreign_servers() as process, active(Counter) as hosted:
+        with active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(99))
             assert eventually(lambda: bool(hosted.node.seen))
             in_thread(hosted, lambda node: call.cancel())
-            assert next_line(process) == "cancelled\n"
+            assert next_line(servers) == "cancelled\n"
             result = only_result(hosted)
             assert (result.outcome, result.reason) == ("cancelled", "")
             assert list(result.message.sequence) == list(hosted.node.seen)
@@ -325,7 +406,7 @@ class TestActions:
             assert list(only_result(hosted).message.sequence) == list(range(20, 0, -1))
             assert call.accepted
 
-    def test_a_goal_is_cancelled_if_the_server_is_asked_before_it_has_the_goal(self, monkeypatch):
+    def test_a_goal_is_cancelled_if_the_server_is_asked_before_it_has_the_goal(self, servers, monkeypatch):
         request, on_cancel_answer = ActionChannel._request, ActionChannel._on_cancel_answer
         waiting: list[Callable[[], None]] = []
 
@@ -349,12 +430,12 @@ class TestActions:
 
         monkeypatch.setattr(ActionChannel, "_request", ask_first)
         monkeypatch.setattr(ActionChannel, "_on_cancel_answer", send_waiting)
-        with foreign_servers() as process, active(Counter) as hosted:
+        with active(Counter) as hosted:
             in_thread(hosted, lambda node: node.start_count(99))
             assert only_result(hosted).outcome == "cancelled"
-            assert next_line(process) == "cancelled\n"
+            assert next_line(servers) == "cancelled\n"
 
-    def test_a_node_may_cancel_a_goal_when_it_stops(self):
+    def test_a_node_may_cancel_a_goal_when_it_stops(self, servers):
         class Tidy(Counter):
             """Cancels its goal at the end."""
 
@@ -365,20 +446,19 @@ class TestActions:
                 self.goal.cancel()
                 self.tidied = True
 
-        with foreign_servers() as process:
-            with active(Tidy) as hosted:
-                node = hosted.node
-                in_thread(hosted, lambda node: setattr(node, "goal", node.start_count(99)))
-                assert eventually(lambda: bool(node.seen))
-            assert node.tidied
-            assert next_line(process) == "cancelled\n"
+        with active(Tidy) as hosted:
+            node = hosted.node
+            in_thread(hosted, lambda node: setattr(node, "goal", node.start_count(99)))
+            assert eventually(lambda: bool(node.seen))
+        assert node.tidied
+        assert next_line(servers) == "cancelled\n"
 
-    def test_a_node_that_is_deactivated_cancels_its_goals(self):
-        with foreign_servers() as process, active(Counter) as hosted:
+    def test_a_node_that_is_deactivated_cancels_its_goals(self, servers):
+        with active(Counter) as hosted:
             in_thread(hosted, lambda node: node.start_count(99))
             assert eventually(lambda: bool(hosted.node.seen))
             hosted.transition_to("inactive")
-            assert next_line(process) == "cancelled\n"
+            assert next_line(servers) == "cancelled\n"
 
     def test_deadline_cancels_the_goal(self, servers):
         with active(Counter) as hosted:
@@ -396,14 +476,16 @@ class TestActions:
             assert eventually(is_quiet)
             assert len(hosted.node.seen) < 50
 
-    def test_server_may_refuse_to_cancel(self):
-        with foreign_servers("stubborn"), active(Counter) as hosted:
+    @pytest.mark.parametrize("servers", ["stubborn"], indirect=True)
+    def test_server_may_refuse_to_cancel(self, servers):
+        with active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(15))
             assert eventually(lambda: call.accepted)
             in_thread(hosted, lambda node: call.cancel())
             assert only_result(hosted).outcome == "succeeded"
 
-    def test_the_second_answer_to_a_cancel_changes_nothing(self, monkeypatch):
+    @pytest.mark.parametrize("servers", ["stubborn"], indirect=True)
+    def test_the_second_answer_to_a_cancel_changes_nothing(self, servers, monkeypatch):
         """A node may cancel its goal and end, which asks the server twice."""
         answers: list[PendingCall] = []
         refused: list[PendingCall] = []
@@ -415,7 +497,7 @@ class TestActions:
 
         monkeypatch.setattr(ActionChannel, "_on_cancel_answer", answered)
         monkeypatch.setattr(PendingCall, "on_cancel_refused", lambda self: refused.append(self))
-        with foreign_servers("stubborn"), active(Counter) as hosted:
+        with active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(15))
             assert eventually(lambda: call.accepted)
             channel = hosted._services._channels["count"]
@@ -426,7 +508,7 @@ class TestActions:
             assert refused == [call]
 
     @pytest.mark.parametrize("lost", [1, pytest.param(2, marks=pytest.mark.slow)])
-    def test_a_node_that_stops_asks_again_if_its_cancel_is_lost(self, monkeypatch, lost):
+    def test_a_node_that_stops_asks_again_if_its_cancel_is_lost(self, servers, monkeypatch, lost):
         ask, asked = ActionChannel._ask_to_cancel, []
 
         def losing(self: ActionChannel, call: PendingCall) -> None:
@@ -438,11 +520,16 @@ class TestActions:
 
         monkeypatch.setattr(ActionChannel, "_ask_to_cancel", losing)
         monkeypatch.setattr(_services, "CANCEL_SENT_S", PATIENCE_S)
-        with foreign_servers() as process:
-            with active(Counter) as hosted:
-                in_thread(hosted, lambda node: node.start_count(99))
-                assert eventually(lambda: bool(hosted.node.seen))
-            assert next_line(process) == "cancelled\n"
+        with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(99))
+            assert eventually(lambda: bool(hosted.node.seen))
+        assert next_line(servers) == "cancelled\n"
+
+
+class TestActionServers:
+    @pytest.fixture(autouse=True)
+    def types(self):
+        pytest.importorskip("test_msgs", reason="needs the wheel ros-jazzy-test-msgs")
 
     def test_killed_server_loses_the_goal(self):
         with active(Counter) as hosted:
@@ -609,70 +696,3 @@ def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, mo
         else:
             assert isinstance(lamp.failure, ParameterError | NodeError)
             assert "/light cannot be signed, so anybody in the network could call it" in str(lamp.failure)
-
-
-@pytest.mark.parametrize(
-    "way",
-    [
-        "closed",
-        "declared",
-        *(pytest.param(way, marks=pytest.mark.slow) for way in ("closed driver", "optional", "named")),
-    ],
-)
-def test_client_in_a_graph_with_keys_has_to_be_opened(way, tmp_path, monkeypatch, servers, other_domain):
-    """Anybody in the network can answer, so the answers count only where somebody has decided so."""
-    from socialbot.bridge.keys import new_key
-
-    new_key("robot", tmp_path)
-    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path))
-    if way == "named":
-        monkeypatch.setenv("SOCIALBOT_OPEN_TOPICS", "/light")
-    if way == "closed driver":  # the graph is open to the network, and so would be its clients of drivers
-        monkeypatch.setenv("SOCIALBOT_DRIVERS", f"{other_domain}:/light")
-        monkeypatch.setenv("ROS_STATIC_PEERS", "127.0.0.2")
-
-    class Guarded(Node):
-        light = Client(SetBool, "/light", deadline_s=30.0, optional=way == "optional", open_to_all=way == "declared")
-        results: tuple[CallResult, ...] = ()
-
-        def on_result(self, result: CallResult) -> None:
-            self.results += (result,)
-
-    with node_hosts(graph_of(NodeConfig("guarded", Guarded))) as host:
-        hosted = host("guarded")
-        if way.startswith("closed"):
-            assert isinstance(hosted.failure, ParameterError | NodeError)
-            assert "the answers of /light cannot be signed, so anybody in the network could give" in str(hosted.failure)
-            return
-        assert eventually(lambda: hosted.active_thread is not None)
-        limit_s = 0.5 if way == "optional" else None
-        in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result, deadline_s=limit_s))
-        assert only_result(hosted).outcome == ("absent" if way == "optional" else "succeeded")
-
-
-def test_recording_of_a_call_answers_it_in_a_replay(servers, tmp_path):
-    from socialbot.bags.reader import open_bag
-    from socialbot.bags.recorded_services import recorded_services
-    from socialbot.bridge import recorder
-
-    counts: dict[str, int] = {}
-    answered: list[bool] = []
-
-    def stopped() -> bool:
-        answered.extend([True] if hosted.node.results else [])
-        return len(answered) > 50  # messages on their way have arrived
-
-    def record() -> None:
-        counts.update(recorder.record(tmp_path / "bag", stopped=stopped).counts)
-
-    with active(Caller) as hosted:
-        thread = threading.Thread(target=record)
-        thread.start()
-        assert eventually(lambda: hosted.ros_node.count_subscribers("/light/_service_event") == 1)
-        in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result))
-        assert only_result(hosted).ok
-        thread.join()
-    assert counts["/light/_service_event"] == 2
-    with open_bag(tmp_path / "bag") as bag:
-        graph = graph_of(NodeConfig("caller", Caller))
-        assert sorted(recorded_services(bag, graph)) == ["/light"]
