@@ -180,7 +180,7 @@ def test_damaged_compiled_modules_are_compiled_again(tmp_path: Path, monkeypatch
     names = ("core/terminal", "cli/main", "cli/graph", "vision/person_detector")  # of the start, a command, a node type
     with monkeypatch.context() as here:
         here.setattr(sys, "pycache_prefix", None)
-        files = [Path(py_compile.compile(str(copied / f"{name}.py"), doraise=True)) for name in names]
+        files = [Path(str(py_compile.compile(str(copied / f"{name}.py"), doraise=True))) for name in names]
     whole = [file.read_bytes() for file in files]
     for file, content in zip(files, whole, strict=True):
         file.write_bytes(content[:200])
