@@ -236,6 +236,7 @@ class NodeHost:
     def stop(self) -> None:
         """Stop the node, and remove it from the ROS graph."""
         self.finish()
+        self._services.close()  # rclpy destroys no actions, and they would keep the node
         self._ros.destroy_node()
 
     def finish(self) -> None:

@@ -21,15 +21,13 @@ REPOSITORY = Path(__file__).parents[2]
 @contextmanager
 def node_hosts(graph: Graph, *ros_args: str, **options: Any) -> Iterator[Callable[[str], Any]]:
     """A function that hosts and starts a node of ``graph`` by its name; ``options`` are those of `NodeHost`."""
-    from rclpy.executors import SingleThreadedExecutor
-
     from socialbot.bridge._host import NodeHost
-    from socialbot.bridge.environment import ros_context
+    from socialbot.bridge.environment import ros_context, spin
+    from socialbot.bridge.wait_sets import OneThreadExecutor
 
     hosts: list[NodeHost] = []
-    ended = threading.Event()
     with ros_context(["--ros-args", *ros_args] if ros_args else None) as context:
-        executor = SingleThreadedExecutor(context=context)
+        executor = OneThreadExecutor(context=context)
 
         def host(name: str) -> NodeHost:
             hosts.append(NodeHost(graph, graph.node(name), ros_context=context, **{"sim_time": False, **options}))
@@ -37,18 +35,13 @@ def node_hosts(graph: Graph, *ros_args: str, **options: Any) -> Iterator[Callabl
             hosts[-1].start()
             return hosts[-1]
 
-        def spin() -> None:
-            while not ended.is_set():
-                executor.spin_once(timeout_sec=0.05)
-
-        thread = threading.Thread(target=spin, daemon=True)
+        thread = threading.Thread(target=spin, args=(executor,), daemon=True)
         thread.start()
         try:
             yield host
         finally:
-            ended.set()
-            thread.join(2.0)
             executor.shutdown()
+            thread.join(2.0)
             for each in hosts:
                 each.stop()
 

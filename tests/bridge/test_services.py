@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -531,6 +532,28 @@ class TestActionServers:
     def types(self):
         pytest.importorskip("test_msgs", reason="needs the wheel ros-jazzy-test-msgs")
 
+    def test_a_node_that_stops_leaves_the_graph(self):
+        """Its goals and actions keep nothing of DDS, which each later node would have to discover."""
+
+        class Relay(Node):
+            count = ActionClient(COUNT, "/count")
+            again = ActionServer(COUNT, "/again")
+
+            @again
+            def on_goal(self, goal: GoalHandle) -> None: ...
+
+        def threads() -> int:
+            return len(list(Path("/proc/self/task").iterdir()))
+
+        with spinning_nodes("onlooker") as (onlooker,):
+            before = threads()
+            with node_hosts(graph_of(NodeConfig("relay", Relay))) as host:
+                host("relay")
+                assert eventually(lambda: "relay" in onlooker.get_node_names())
+                assert threads() > before
+            assert eventually(lambda: "relay" not in onlooker.get_node_names(), 10.0)
+            assert eventually(lambda: threads() <= before, 10.0)
+
     def test_killed_server_loses_the_goal(self):
         with active(Counter) as hosted:
             with foreign_servers() as process:
@@ -599,7 +622,6 @@ class TestActionServers:
         from unique_identifier_msgs.msg import UUID
 
         fibonacci = pytest.importorskip("test_msgs.action").Fibonacci
-        monkeypatch.setattr("rclpy.executors.SingleThreadedExecutor", OneThreadExecutor)
 
         class Server(Node):
             count = ActionServer(COUNT, "/count")
