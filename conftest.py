@@ -29,6 +29,7 @@ DOMAINS = range(20, 60)
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    gc.set_threshold(200_000, 10, 10)
     if first := os.environ.get("ROS_DOMAIN_ID"):
         worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
         os.environ["ROS_DOMAIN_ID"] = str(int(first) + int(worker))
@@ -60,10 +61,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Exempt the collected tests from garbage collection, and collect seldom: else it takes a sixth of the time."""
+    """Exempt the collected tests from garbage collection, which is seldom: else it takes a sixth of the time."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(200_000, 10, 10)
 
 
 @pytest.hookimpl(optionalhook=True)

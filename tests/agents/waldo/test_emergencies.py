@@ -9,7 +9,6 @@ from tests.agents.waldo.hall import Hall
 
 LEAVE = "Please leave the building at once, and do not use the lift. Then call 1 1 2."
 NO_HELP = "I cannot call for help myself."
-SCRIPT = small_talk()
 
 
 @pytest.mark.parametrize(
@@ -54,10 +53,10 @@ SCRIPT = small_talk()
     ],
 )
 def test_emergencies_are_understood_and_have_a_sentence(language, emergency, sentences):
-    assert {text: SCRIPT.grammar.read(text, language).intent for text in sentences} == dict.fromkeys(
+    assert {text: small_talk().grammar.read(text, language).intent for text in sentences} == dict.fromkeys(
         sentences, emergency
     )
-    assert "1 1 2" in SCRIPT.sentence(emergency, ("1 1 2",), language)[0]
+    assert "1 1 2" in small_talk().sentence(emergency, ("1 1 2",), language)[0]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +79,7 @@ def test_emergencies_are_understood_and_have_a_sentence(language, emergency, sen
     ],
 )
 def test_other_sentences_are_no_emergencies(language, text):
-    assert not SCRIPT.grammar.is_urgent(SCRIPT.grammar.read(text, language).intent)
+    assert not small_talk().grammar.is_urgent(small_talk().grammar.read(text, language).intent)
 
 
 def test_an_emergency_interrupts_an_utterance_and_the_turn_of_another_person():
