@@ -66,12 +66,12 @@ PRELOADED = (
     "rcl_interfaces.msg",
     "rcl_interfaces.srv",
     "rosgraph_msgs.msg",
-    "rosidl_generator_py",
     "rosidl_parser.definition",
     "sensor_msgs.msg",
     "socialbot.bags.types",
     "socialbot.bridge._node_thread",
     "socialbot.bridge.process",
+    "rosidl_generator_py",  # without its generator after `socialbot.bridge`
     "socialbot.graph.files",
     "std_msgs.msg",
     "type_description_interfaces.srv",
