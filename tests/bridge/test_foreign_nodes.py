@@ -84,7 +84,8 @@ def test_states_of_a_foreign_node_are_printed_and_changed():
         assert socialbot_lifecycle("set", "lidar_driver", "activate") == "active\n"
 
 
-def test_a_node_that_appears_late_is_listed():
+def test_a_node_that_appears_late_is_listed(other_domain: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(other_domain))  # a killed node of another test stays listed for seconds
     with lifecycle_client(timeout_s=60.0) as client, ThreadPoolExecutor() as pool:
         found = pool.submit(client.managed_nodes)
         sleep(1.5 * SETTLE_S)
