@@ -68,6 +68,7 @@ def run_nodes(
     with guard, Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = OneThreadExecutor(context=context)
+        has_ended = False
         try:
             if parent is None:
                 with spinning_node("name_check") as ros:
@@ -94,11 +95,12 @@ def run_nodes(
                     threading.Thread(target=_follow_commands, args=arguments, name="supervisor", daemon=True).start()
                 while not ending.asked and not any(host.ended for host in hosts):
                     executor.spin_once(timeout_sec=POLL_S)
+            has_ended = True
         finally:
             executor.shutdown()
             for host in hosts:
                 host.finish()
-            if not any(host.failure for host in hosts):
+            if has_ended and not any(host.failure for host in hosts):
                 end_within(LEAVE_S)
             for host in hosts:
                 host.stop()

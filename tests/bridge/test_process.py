@@ -16,7 +16,7 @@ from socialbot.bridge.run_announcer import locked_runs, run_lock
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.image_transport import ImageReceiver, ImageSender
-from tests.system.running import next_line
+from tests.system.running import PATIENCE_S, next_line
 
 
 @pytest.fixture
@@ -130,3 +130,36 @@ def test_lost_packets_of_nodes_with_streams_are_sent_again_at_once_on_a_network(
         found[name] = [topic for topic in ("/view/link", "/view/link/ack", "/view/there") if f'"{topic}"' in profile]
         assert all(f'"{topic}/_seal"' in profile for topic in found[name])
     assert found == {"sender": ["/view/link"], "receiver": ["/view/link/ack", "/view/there"], "speech": []}
+
+
+SLOW_TO_LEAVE = """
+import sys, time
+from contextlib import contextmanager
+from socialbot.bridge import process
+from socialbot.core.errors import NodeError
+from socialbot.graph.node import Graph, Node, NodeConfig
+
+def find_a_node(*_):
+    raise NodeError("nodes with these names are running already: one")
+
+@contextmanager
+def slow_context(args, context=process.ros_context):
+    with context(args) as ros:
+        try:
+            yield ros
+        finally:
+            time.sleep(1.0)
+
+process.LEAVE_S, process.ros_context, process.expect_free_names = 0.01, slow_context, find_a_node
+try:
+    process.run_nodes(Graph("one", (NodeConfig("one", Node),)), ["one"], sim_time=False)
+except NodeError as error:
+    sys.exit(error.exit_code)
+"""
+
+
+@pytest.mark.ros
+def test_an_error_is_reported_even_if_dds_is_left_slowly() -> None:
+    """A process that the alarm of well processes ends has no exit code, and seems to have ended well."""
+    done = subprocess.run([sys.executable, "-c", SLOW_TO_LEAVE], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 6, done.stderr
