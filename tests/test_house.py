@@ -162,6 +162,9 @@ LIBRARIES = frozenset({
 })  # fmt: skip
 OPENING = frozenset({"open", "io.open", "av.open", "wave.open", "Image.open"})
 WITHIN_LIMITS = {
+    "bridge/dds_threads.py (task / 'comm').read_bytes": "written by the kernel",
+    "bridge/dds_threads.py (task / 'schedstat').read_bytes": "written by the kernel",
+    "bridge/dds_threads.py (task / 'status').read_bytes": "written by the kernel",
     "core/reading.py open": "holds the limits",
     "core/installation.py distribution(PACKAGE).read_text": "the installed package",
     "runs/pages.py (PAGE / replaced.get(name, name)).read_text": "a file of the page",
@@ -169,8 +172,6 @@ WITHIN_LIMITS = {
     "runs/pages.py (PAGE / 'vendor/uPlot.iife.min.js').read_text": "a file of the page",
     "cli/new.py template.read_text": "a template of a project",
     "runtime/fork_server.py open": "a pipe to an own process",
-    "runtime/_processes.py (task / 'comm').read_bytes": "written by the kernel",
-    "runtime/_processes.py (task / 'status').read_bytes": "written by the kernel",
     "runtime/_processes.py (task / 'schedstat').read_bytes": "written by the kernel",
     "core/process.py (process / 'stat').read_text": "written by the kernel",
     "bridge/_node_thread.py open": "written by the kernel",

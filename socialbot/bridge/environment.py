@@ -430,8 +430,9 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
             yield node
         finally:
             executor.shutdown()
-            thread.join(BLOCKED_S if node in _threads_of else 0.0)
-            if thread.is_alive():
+            is_given_up = node not in _threads_of
+            thread.join(0.0 if is_given_up else BLOCKED_S)
+            if is_given_up or thread.is_alive():
                 _note_blocked(name)
             elif not _is_blocked:
                 node.destroy_node()

@@ -20,6 +20,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from socialbot.bridge import dds_threads
+
 BEACON_S = 2.0
 """Longest period (s) of `Transport.renew`. A publisher that has sealed nothing for half of it sends a beacon."""
 SILENT_S = 3 * BEACON_S
@@ -270,7 +272,7 @@ class WatchedSubscription:
         return max(self._subscription.get_publisher_count(), replaced)
 
     def fault(self, *, expects_publishers: bool = False) -> str:
-        """Reason to replace the subscription now; empty if there is none, or it is too early.
+        """Reason to replace the subscription now; empty if there is none, or it is too early, or DDS is busy.
 
         To match no publisher is one if it ``expects_publishers``.
         """
@@ -288,8 +290,10 @@ class WatchedSubscription:
             self._pause_s = SILENT_S
         self._is_unsure = bool(reason) and not (self._publishers and self._watch.is_sure)
         if self._is_unsure:
-            return reason if now - self._since >= self._pause_s and self._backoff.is_over else ""
-        return reason if now - self._begun >= self._pause_s else ""
+            is_due = now - self._since >= self._pause_s and self._backoff.is_over
+        else:
+            is_due = now - self._begun >= self._pause_s
+        return reason if reason and is_due and not dds_threads.is_busy() else ""
 
     def lost(self, wanted: int) -> int:
         """How many of the ``wanted`` publishers with keys are lost: only another participant may receive them."""

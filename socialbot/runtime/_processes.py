@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, BinaryIO, Protocol
@@ -154,46 +154,7 @@ def is_late(silent_s: float, starved_s: float, limit_s: float) -> bool:
     return silent_s > STARVED_LIMITS * limit_s or silent_s - starved_s > limit_s
 
 
-class EndlessWork:
-    """Watch over the threads of DDS in a process, which one false packet can let count without end.
-
-    A thread that works on packets waits now and then: for the next one, or for a lock. ``ignored`` ones do not count.
-    """
-
-    def __init__(self, pid: int, ignored: Collection[int] = ()) -> None:
-        self._tasks = Path(f"/proc/{pid}/task")
-        self._ignored = frozenset(map(str, ignored))
-        self._names: dict[str, bytes] = {}
-        self._begun: dict[str, tuple[int, int]] = {}
-        """Number of waits of a thread, and the time (ns) for which it had run when it last waited."""
-        self._due = 0.0
-        self._longest_s = 0.0
-
-    def longest_s(self, now: float) -> float:
-        """Look at most once in `LOOK_S`; return the longest time (s) for which a thread has run without a wait."""
-        if now >= self._due:
-            self._due = now + LOOK_S
-            self._longest_s = max((self._unpaused_s(task) for task in self._tasks.glob("*")), default=0.0)
-        return self._longest_s
-
-    def _unpaused_s(self, task: Path) -> float:
-        try:
-            if task.name not in self._names:
-                self._names[task.name] = (task / "comm").read_bytes()
-            if task.name in self._ignored or not self._names[task.name].startswith(b"dds."):
-                return 0.0
-            waits = int((task / "status").read_bytes().rpartition(b"\nvoluntary_ctxt_switches:")[2].split()[0])
-            ran_ns = int((task / "schedstat").read_bytes().split()[0])
-        except (OSError, ValueError, IndexError):  # the thread has ended
-            return 0.0
-        if self._begun.get(task.name, (-1, 0))[0] != waits:
-            self._begun[task.name] = waits, ran_ns
-        return (ran_ns - self._begun[task.name][1]) / 1e9
-
-
 LOOK_S = 0.5
-ENDLESS_S = 1.0
-"""Processor time (s) without a wait after which a thread of DDS works without end."""
 
 
 def until_parent_ends(arguments: list[str]) -> list[str]:

@@ -15,6 +15,7 @@ from selectors import EVENT_READ, DefaultSelector
 from typing import Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.dds_threads import ENDLESS_S, EndlessWork
 from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, status_of
 from socialbot.bridge.process import Report, SupervisorChannel, channel_pair
 from socialbot.bridge.shared_memory import LOST_PORT, PortWatch, remove_stale
@@ -28,8 +29,6 @@ from socialbot.runs.record import RunTrace
 from socialbot.runtime._lost_publishers import RenewalBackoff, RunningNodes
 from socialbot.runtime._processes import (
     DOCUMENTED,
-    ENDLESS_S,
-    EndlessWork,
     Process,
     ProcessorWaits,
     RestartBackoff,

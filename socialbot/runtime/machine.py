@@ -13,6 +13,7 @@ from pathlib import Path
 
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
+from socialbot.bridge.dds_threads import ENDLESS_S, EndlessWork
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE, health_in, unconnected
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
 from socialbot.bridge.graph_observer import LostWatch, SpinWatch, expect_free_names, observe_graph
@@ -30,7 +31,7 @@ from socialbot.graph.node import Graph
 from socialbot.runs.record import MINDS
 from socialbot.runtime._lost_publishers import RENEWAL_PAUSE_S, RenewalBackoff
 from socialbot.runtime._network import DiscoveryServer, Network
-from socialbot.runtime._processes import ENDLESS_S, EndlessWork, RestartPolicy, node_arguments, write_graph
+from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
 from socialbot.runtime.launch import DeadNodeDiagnostics, RecordDiagnostics, Supervisor, Variables
 from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics, with_speech_files

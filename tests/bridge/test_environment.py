@@ -30,7 +30,7 @@ from socialbot.bridge.environment import (
 from socialbot.bridge.ros_checks import segment_size
 from socialbot.bridge.shared_memory import SHARED
 from socialbot.core.errors import GraphError, InstallationError, NodeError
-from tests.system.running import limited
+from tests.system.running import PATIENCE_S, limited
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
 
@@ -459,3 +459,23 @@ with spinning_node("told"):
             os.close(file)
     assert ended.stdout == "{}\n"
     assert "open_and_lock_file failed" in ended.stderr
+
+
+GIVEN_UP = """
+import os, threading
+from socialbot.bridge import environment
+join = threading.Thread.join
+threading.Thread.join = lambda thread, timeout_s=None: join(thread)  # the executor ends in time
+with environment.spinning_node("reader") as reader:
+    reader.destroy_node = lambda: print("destroyed", flush=True)
+    environment.give_up(reader)
+print("left", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.ros
+def test_a_node_that_is_given_up_is_not_destroyed() -> None:
+    """A thread of DDS may hold a lock for which `destroy_node` waits, and rclpy keeps Python's lock meanwhile."""
+    done = subprocess.run([sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout) == (0, "left\n"), done.stderr

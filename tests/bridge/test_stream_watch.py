@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from socialbot.bridge import dds_threads
 from socialbot.bridge.detached_seals import LOST_MATCHED_S, LOST_MESSAGES, MISSING_S, MessageWatch
 from socialbot.bridge.stream_watch import (
     CHECK_S,
@@ -25,6 +26,8 @@ from socialbot.bridge.stream_watch import (
     WatchedSubscription,
     replace_faulty,
 )
+from tests.bridge.dds_threads import busy_dds_thread
+from tests.system.running import eventually
 
 ROBOT, OTHER = ("robot", "1"), ("robot", "2")
 
@@ -322,6 +325,13 @@ class TestBackoff:
 
 
 class TestWatchedSubscription:
+    def test_a_subscription_is_not_replaced_while_dds_is_busy(self, subscription, watch, time):
+        """It would wait for the lock of discovery, and keep Python's lock meanwhile."""
+        with busy_dds_thread():
+            assert eventually(dds_threads.is_busy)
+            assert faults(subscription, time, SILENT_S + 2 * CHECK_S) == []
+        assert faults(subscription, time, CHECK_S) == [CHECK_S]
+
     def test_a_heard_publisher_that_is_silent_replaces_it_every_12_s(self, subscription, watch, time):
         watch.note(ROBOT, 1, is_beacon=False)
         first, second, third, fourth = faults(subscription, time, 60.0)[:4]
