@@ -8,7 +8,6 @@ import os
 import time
 from pathlib import Path
 
-from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     HeadCommand,
     Health,
@@ -125,16 +124,21 @@ class StillbornDetector(Detector):
 
 
 class SlowDetector(Detector):
-    """Needs ``look_s`` for each image, and records the images and their ages (s)."""
+    """Needs the time in which ``newer`` images arrive for each one, and records how many waited behind it."""
 
-    look_s = Parameter(0.35, "time for an image, s")
+    newer = Parameter(3, "number of images that arrive meanwhile")
+    end = Parameter(0, "stamp of the last image, ns")
     record = Parameter("", "output file, a line for each image")
 
     def look(self, image: Image) -> None:
-        age_s = (self.clock.now() - image.stamp) / SECOND
+        (queue,) = self.context.queue.inputs  # type: ignore[attr-defined]  # that of a node over ROS
         with Path(self.record).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"stamp": image.stamp, "age_s": age_s}) + "\n")
-        time.sleep(self.look_s)
+            is_slower = queue.cost_s > queue.spacing_s > 0
+            look = {"stamp": image.stamp, "is_slower": is_slower, "waiting": len(queue.waiting)}
+            file.write(json.dumps(look) + "\n")
+        enough = queue.arrived + self.newer
+        while queue.arrived < enough and self.clock.now() < self.end:
+            time.sleep(0.005)
 
 
 class DetectorThatCannotLeave(Detector):
