@@ -31,8 +31,9 @@ MAX_BYTES = 64
 class Guard:
     """Guard of the process ``pid`` with time limits (s): to end after a signal, without a sign of life, of children."""
 
-    def __init__(self, pid: int, end_s: float, hung_s: float, children_s: float) -> None:
+    def __init__(self, pid: int, end_s: float, hung_s: float, children_s: float, *, proc: str = "/proc") -> None:
         self._pid, self._end_s, self._hung_s, self._children_s = pid, end_s, hung_s, children_s
+        self._folder = f"{proc}/{pid}"
         self._process = os.pidfd_open(pid)
         self._children: set[int] = set()
         self._ending_s: float | None = None
@@ -46,8 +47,7 @@ class Guard:
             ready, _, _ = select.select([0, *self._children], [], [], STEP_S)
             now = time.monotonic()
             if not self._is_stopped():
-                passed_s = min(now - before, STEP_S)
-                self._count(max(passed_s - self._starved_s(), passed_s / STARVED_LIMITS))
+                self.count(min(now - before, STEP_S))
             before = now
             self._forget(ready)
             if 0 in ready:
@@ -56,13 +56,15 @@ class Guard:
                     return
                 if not message:
                     break
-                self._note(message)
-            if reason := self._reason():
+                self.note(message)
+            if reason := self.reason():
                 self._kill(reason)
                 break
         self._end_children()
 
-    def _count(self, passed_s: float) -> None:
+    def count(self, passed_s: float) -> None:
+        """Count the time since the last call, less that in which the process waited for a processor."""
+        passed_s = max(passed_s - self._starved_s(), passed_s / STARVED_LIMITS)
         if self._ending_s is not None:
             self._ending_s += passed_s
         if self._silent_s is not None:
@@ -72,14 +74,15 @@ class Guard:
         """The wait for a processor (s) since the last look, of the thread that waited longest."""
         before, self._waits_s = self._waits_s, {}
         try:
-            for thread in os.listdir(f"/proc/{self._pid}/task"):
-                with open(f"/proc/{self._pid}/task/{thread}/schedstat", "rb") as file:
+            for thread in os.listdir(f"{self._folder}/task"):
+                with open(f"{self._folder}/task/{thread}/schedstat", "rb") as file:
                     self._waits_s[thread] = int(file.read().split()[1]) / 1e9
         except (OSError, IndexError):  # a thread has ended, or Linux does not count
             pass
         return max((wait_s - before.get(thread, wait_s) for thread, wait_s in self._waits_s.items()), default=0.0)
 
-    def _note(self, message: bytes) -> None:
+    def note(self, message: bytes) -> None:
+        """Note a message of the process."""
         word, _, number = message.partition(b" ")
         if message in END_REQUESTS:
             if self._ending_s is None:
@@ -93,7 +96,8 @@ class Guard:
             except ProcessLookupError:
                 return
 
-    def _reason(self) -> str:
+    def reason(self) -> str:
+        """Return why the process is killed; empty as long as it is well."""
         if self._ending_s is not None:
             return f"did not end within {self._end_s:g} s after a signal" if self._ending_s > self._end_s else ""
         if self._silent_s is not None and self._silent_s > self._hung_s:
@@ -129,7 +133,7 @@ class Guard:
     def _is_stopped(self) -> bool:
         """Whether the process is stopped by a signal or a debugger."""
         try:
-            with open(f"/proc/{self._pid}/stat", "rb") as stat:
+            with open(f"{self._folder}/stat", "rb") as stat:
                 return stat.read().rpartition(b")")[2].split()[0] in b"Tt"
         except OSError:
             return False

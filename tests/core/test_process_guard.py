@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from socialbot.core._process_guard import STARVED_LIMITS, Guard
 from tests.system.running import eventually, is_alive
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="guards need Linux")
@@ -128,6 +130,32 @@ say("done")
     starved = start(program, tmp_path, started)
     assert eventually(lambda: starved.process.poll() is not None)
     assert "done" in starved.output, starved.errors
+
+
+@pytest.mark.parametrize("message", [b"alive", bytes([signal.SIGTERM])], ids=["hung", "ending"])
+def test_waits_for_a_processor_do_not_count(tmp_path: Path, message: bytes) -> None:
+    """Up to a limit, else a guard would never kill a process on a busy machine."""
+    task = tmp_path / str(os.getpid()) / "task" / "1"
+    task.mkdir(parents=True)
+    waited_s = 5.0
+
+    def passes(waits: float) -> bool:
+        """Let half a second pass, with this part of it in a queue; return whether the process is well."""
+        nonlocal waited_s
+        waited_s += 0.5 * waits
+        (task / "schedstat").write_text(f"1 {waited_s * 1e9:.0f} 1")
+        guard.count(0.5)
+        return not guard.reason()
+
+    guard = Guard(os.getpid(), 1.0, 1.0, 0.0, proc=str(tmp_path))
+    assert passes(0.0)
+    guard.note(message)
+    limits = [passes(1.0) for _ in range(2 * STARVED_LIMITS + 1)]
+    assert limits == [*(2 * STARVED_LIMITS * [True]), False]
+    guard = Guard(os.getpid(), 1.0, 1.0, 0.0, proc=str(tmp_path))
+    assert passes(0.0)
+    guard.note(message)
+    assert [passes(0.0), passes(0.0), passes(0.0)] == [True, True, False]
 
 
 def test_a_process_that_ends_needs_no_guard(tmp_path: Path, started: list[Guarded]) -> None:

@@ -23,7 +23,7 @@ from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.bridge.shared_memory import PortWatch
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.runtime import _lost_publishers, _processes
+from socialbot.runtime import _lost_publishers, _processes, launch
 from socialbot.runtime._processes import STARVED_LIMITS, ProcessorWaits, RestartPolicy
 from socialbot.runtime.fork_server import PR_SET_NAME, ForkServer
 from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, Supervisor
@@ -426,6 +426,19 @@ def test_threads_that_wait_at_once_count_once(tmp_path: Path) -> None:
     assert waits.total_s(110.5) == pytest.approx(10.0)
     note_thread(tmp_path, "c", "S", 1.0, 40.0, 7)  # a new thread, which waited before
     assert waits.total_s(111.0) == pytest.approx(10.0)
+
+
+def test_a_silent_process_that_waits_for_a_processor_is_hung_after_more_limits(
+    scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scripts["one"] = "say('active')\ntime.sleep(600)"
+    note_thread(tmp_path, "a", "R", 1.0, 5.0, 7)  # ready, and does not run
+    monkeypatch.setattr(launch, "ProcessorWaits", lambda pid: ProcessorWaits(1, tmp_path))
+    policy = replace(POLICY, hung_s=0.2)
+    with Supervisor(GRAPH, tmp_path / "log", policy=policy) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: bool(one.hung))
+        assert monotonic() - one.reported_at["one"] > STARVED_LIMITS * policy.hung_s
 
 
 def test_a_system_suspend_is_no_hang(scripts: dict[str, str], tmp_path: Path) -> None:
