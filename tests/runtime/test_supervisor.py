@@ -27,6 +27,7 @@ from socialbot.runtime import _lost_publishers, _processes, launch
 from socialbot.runtime._processes import STARVED_LIMITS, ProcessorWaits, RestartPolicy
 from socialbot.runtime.fork_server import PR_SET_NAME, ForkServer
 from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, Supervisor
+from tests.system.running import PATIENCE_S
 
 pytestmark = pytest.mark.ros
 
@@ -92,7 +93,7 @@ def memory_group() -> Iterator[Path]:
         group.rmdir()
 
 
-def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 60.0) -> bool:
+def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = PATIENCE_S) -> bool:
     deadline = monotonic() + timeout_s
     while not until():
         if monotonic() > deadline:

@@ -9,14 +9,14 @@ import pytest
 
 from evaluation.picture_links import Film, adaptive_link
 from socialbot.core.clock import SECOND
-from tests.system.two_hosts import TwoHosts, two_hosts
+from tests.system.two_hosts import TwoHosts, idle_processors, two_hosts
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Film[TwoHosts]]:
-    with two_hosts() as hosts, adaptive_link(hosts, tmp_path_factory.mktemp("film")) as film:
+    with two_hosts() as hosts, idle_processors(), adaptive_link(hosts, tmp_path_factory.mktemp("film")) as film:
         yield film
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,22 @@ def switched_hosts(*addresses: str) -> Iterator[SwitchedHosts]:
             yield made
     except hosts.NoHostsError as reason:
         pytest.skip(f"no hosts: {reason}")
+
+
+@contextmanager
+def idle_processors() -> Iterator[None]:
+    """Let this thread, and processes that it starts in the block, run before others, as on a machine without load.
+
+    For tests that judge delays in real time. Without the privilege, they depend on the load.
+    """
+    before = os.sched_getscheduler(0)
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    try:
+        yield
+    finally:
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, before, os.sched_param(0))
 
 
 @contextmanager
