@@ -15,7 +15,7 @@ from socialbot.bdi.literals import Event, Goal, Literal, ground, literal, litera
 from socialbot.bdi.plans import Origin, Plan
 from socialbot.bdi.steps import Await, PlanFailed, Step
 from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, show
-from socialbot.bdi.trace import log, message_of
+from socialbot.bdi.trace import log, message_of, raised_in
 from socialbot.bdi.unification import closed, resolve
 from socialbot.core.errors import RuleError
 
@@ -313,12 +313,14 @@ def failure_of(
     step, place = failed_step(plan, problem)
     what = step or ("step" if goal is None else str(interpreter.intentions.goal(goal)))
     if isinstance(problem, PlanFailed):
-        reason, message, notes = problem.reason, str(problem), problem.annotations
+        reason, message, notes, raised_at = problem.reason, str(problem), problem.annotations, ""
     else:
-        reason, message, notes = "exception", f"{type(problem).__name__}: {message_of(problem)}", ()
+        reason, notes, raised_at = "exception", (), raised_in(problem)
+        message = f"{type(problem).__name__}: {message_of(problem)}".removesuffix(": ")
     trace = interpreter.trace
     if cause is None and trace.sink is not None:
         cause = record_behind(problem) or (goal[4] if goal is not None else "")
     log().info("%s: %s: %s", trace.name, what, message)
-    record = trace.record("failure", what, cause, reason=reason, message=message)
-    return Failure(reason, message, what, record, notes, place, partial(failed_term, plan, problem))
+    where = {"where": raised_at} if raised_at else {}
+    record = trace.record("failure", what, cause, reason=reason, message=message, **where)
+    return Failure(reason, message, what, record, notes, place, partial(failed_term, plan, problem), raised_at)

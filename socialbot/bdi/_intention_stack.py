@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import count, takewhile
@@ -426,7 +427,10 @@ class IntentionStack:
                 left = self._recover(intention, frame[1], problem, began=True)
         if left.__class__ is Failure:
             what = left.message if left.step in left.message else f"{left.step}: {left.message}"
-            place, trace = left.where or where, self._interpreter.trace
+            places, trace = [str(left.where or where or "")], self._interpreter.trace
+            if left.raised_at and left.raised_at != os.path.basename(places[0]):
+                places.append(f"raised at {left.raised_at}")
+            place = ", ".join(filter(None, places))
             log().warning("%s: %s%s", trace.name, what, f" ({place})" if place else "")
             trace.record("dropped", "intention", left.cause, reason=left.reason, message=left.message)
             if states is not None and failing is not None:

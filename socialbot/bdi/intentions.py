@@ -103,6 +103,8 @@ class Failure:
     where: Origin | None = None
     term: Callable[[], Any] | None = None
     """Returns the failed step of a plan in AgentSpeak as a term, or None if it is none."""
+    raised_at: str = ""
+    """File and line of the user's code that raised an exception."""
 
     @property
     def annotations(self) -> tuple[Any, ...]:

@@ -88,7 +88,7 @@ class TraceWriter:
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
         """Write a record of an exception of user code; return its id. Log the first, tenth, hundredth, ... alike."""
-        message, place = message_of(problem), place_of(problem, _ROOM)
+        message, place = message_of(problem), raised_in(problem)
         if len(self._failures) >= _MOST_FAILURES:
             self._failures.clear()
         self._failures[what, place or message] += 1
@@ -105,6 +105,11 @@ class TraceWriter:
         if chain is None:
             raise RuleError("no trace is kept", where=self.name, remedy="give the engine sink=Trace()")
         return chain(record)
+
+
+def raised_in(problem: Exception) -> str:
+    """File and line of the user's code in which an exception was raised; empty if it has none."""
+    return place_of(problem, _ROOM)
 
 
 def message_of(problem: Exception) -> str:

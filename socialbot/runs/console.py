@@ -242,8 +242,9 @@ class Display:
         """Print a failure. Equal ones after it, as of a sensor at each frame, are counted instead."""
         detail = record.detail
         text = f"{record.what}: {detail.get('message') or detail.get('reason')}"
-        if where := detail.get("where"):  # the exception of a sensor or condition
-            text = f"{record.what}: {detail.get('reason', '')}: {detail.get('message', '')} ({where})"
+        if where := detail.get("where"):  # of an exception; for a step of a plan, the message begins with its class
+            kind = "" if detail.get("reason") == "exception" else f"{detail.get('reason', '')}: "
+            text = f"{record.what}: {kind}{detail.get('message', '')} ({where})"
         if text == self._repeats.text:
             self._repeats.count(record.stamp)
         else:

@@ -251,6 +251,8 @@ class Narrator:
         what, detail, wording = record.what, record.detail, self.wording
         reason = in_words(str(detail.get("message") or detail.get("reason") or ""))
         values = {"outcome": "", "seconds": 0, "plan": "", **detail, "what": what or "something", "reason": reason}
+        if record.kind == "failure" and detail.get("where"):  # the line of code that raised the exception
+            reason += f" ({detail['where']})"
         values["because"] = f": {reason}" if reason else ""
         variant = detail.get("outcome", what)
         match record.kind:

@@ -1,12 +1,17 @@
 # ruff: noqa: N803 - functions name the variables they look at
 
+import inspect
 import math
 
 import pytest
 
-from socialbot.bdi import Action, Sensor, Sleep, atomic, compute, fail, wait
+from socialbot.bdi import Action, LongAction, Sensor, Sleep, atomic, compute, fail, wait
 from socialbot.bdi.steps import PlanFailed
 from tests.bdi.lab import Lab, X, Y, crash, deep, do, go, p, q, sub
+
+
+def line_of(function):
+    return inspect.getsourcelines(function)[1]
 
 
 def failures(lab):
@@ -248,11 +253,33 @@ def test_an_action_that_fails_leaves_nothing_that_rests():
     assert still_alive(lab)
 
 
-def test_the_message_of_an_exception_names_its_kind():
+def test_an_exception_is_recorded_with_its_kind_and_the_line_that_raised_it(caplog):
     lab = Lab(go() >> [crash("oh")])
     lab.tell(go())
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
-    assert failure.detail == {"reason": "exception", "message": "ZeroDivisionError: oh"}
+    where = f"lab.py:{line_of(crash.execute) + 1}"
+    assert failure.detail == {"reason": "exception", "message": "ZeroDivisionError: oh", "where": where}
+    assert caplog.messages[-1].endswith(f"raised at {where})")
+
+
+def test_an_exception_that_a_running_action_reports_has_its_line_and_no_empty_message(caplog):
+    class Wander(LongAction):
+        def start(self) -> None:
+            self.engine.timers.after(1, self.turn)
+
+        def turn(self) -> None:
+            try:
+                next(iter(()))
+            except StopIteration as problem:
+                self.failed(problem)
+
+    lab = Lab(go() >> [Wander()])
+    lab.tell(go())
+    lab.until(2)
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    where = f"test_failures.py:{line_of(Wander.turn) + 2}"
+    assert failure.detail == {"reason": "exception", "message": "StopIteration", "where": where}
+    assert caplog.messages[-1].endswith(f"raised at {where})")
 
 
 def test_a_failure_plan_that_keeps_a_goal_lets_it_be_achieved_later():

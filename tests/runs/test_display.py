@@ -267,6 +267,11 @@ def test_speech_is_shown_behind_its_action_in_whatever_order_topics_arrive():
     assert shown(begun, record(9.0, "belief", "b()"))[0] == in_order[1]
 
 
+def test_exception_of_a_step_is_shown_with_its_kind_once_and_its_line():
+    failed = record(1.0, "failure", "go()", reason="exception", message="KeyError: 'x'", where="agent.py:7")
+    assert shown(failed) == ["   1.00 s  fails    go(): KeyError: 'x' (agent.py:7)"]
+
+
 def test_equal_failures_in_a_row_are_counted():
     fails = [
         record(second, "failure", "Eyes", reason="TypeError", message="no distance", where="agent.py:7")

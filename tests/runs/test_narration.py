@@ -54,6 +54,7 @@ def test_story_of_a_run():
         (record(0, "a", "silent", "Boxes"), "a receives no more data from: Boxes"),
         (record(0, "a", "heard", "Boxes"), "a receives data again from: Boxes"),
         (record(0, "a", "failure", "rule", message="it broke"), "a fails at rule: it broke"),
+        (record(0, "a", "failure", "go(b)", message="E: no", where="a.py:3"), "a fails at go(b): E: no (a.py:3)"),
     ],
 )
 def test_story_has_problems(each, sentence):
