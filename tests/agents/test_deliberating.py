@@ -165,6 +165,30 @@ def now(message: type, hall: Hall, **about):
     return message(stamp=hall.clock.now(), **about)
 
 
+class tidy_up(Timed):  # noqa: N801
+    """Executes ``tidy-up``: names with hyphens are usual in PDDL, and cannot be classes."""
+
+
+class Tidier(Worker):
+    actions_known = (tidy_up,)
+
+
+def test_class_executes_the_action_with_hyphens_for_its_underscores(files):
+    (files / "jobs.pddl").write_text(JOBS.text.replace("(:durative-action do ", "(:durative-action tidy-up "))
+    known = {"pddl_file": str(files / "jobs.pddl"), "init_bset": str(files / "b.yaml")}
+    hall = Hall(NodeConfig("worker", Tidier, {**known, "init_dset": str(files / "d.yaml")}))
+    hall.until(10)
+    assert [record.what for record in hall.trace("worker", "step")] == ["(tidy-up a)"]
+    assert p("done", "a") in hall.facts("worker")
+
+
+def test_class_without_an_action_names_the_nearest_class(files):
+    (files / "jobs.pddl").write_text(JOBS.text.replace("(:durative-action do ", "(:durative-action tidy-ups "))
+    with pytest.raises(PlanningError, match="there is no action tidy_up") as error:
+        Hall(NodeConfig("worker", Tidier, {"pddl_file": str(files / "jobs.pddl")}))
+    assert error.value.remedy.startswith("rename the class: did you mean 'tidy_ups'?")
+
+
 def test_agent_loads_its_files_and_fulfils_its_desires(files):
     hall = Hall(worker(files, init_dset=str(files / "d.yaml"), init_reactive_rules_set=str(files / "r.yaml")))
     hall.until(10)

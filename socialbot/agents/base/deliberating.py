@@ -30,7 +30,7 @@ from socialbot.agents.base.agent_node import AgentNode, DeliberatorCommands
 from socialbot.agents.base.state_file import StateFile
 from socialbot.bdi import Engine
 from socialbot.core import paths
-from socialbot.core.errors import PlanningError
+from socialbot.core.errors import PlanningError, suggestion
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
 from socialbot.deliberation.actions import PlanAction, register
 from socialbot.deliberation.auctions import Auction
@@ -67,7 +67,9 @@ class Deliberating(AgentNode):
     folder: ClassVar[Path | None] = None
     """Folder of relative file names; None for the current folder."""
     actions_known: ClassVar[Sequence[type[PlanAction]]] = ()
-    """Executors of the actions of the domain. The engine may instead have plans for goals of these names."""
+    """Executors of the actions of the domain. The engine may instead have plans for goals of these names.
+
+    The class of an action has its name, with ``_`` for each hyphen."""
     deliberates = True
 
     actions = Output(ActionRequest, "~/actions")
@@ -115,11 +117,8 @@ class Deliberating(AgentNode):
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
         domain, values = self._domain(), self.parameter_values
         for action in self.actions_known:
-            if action.functor not in domain.actions:
-                raise PlanningError(
-                    f"there is no action {action.functor}", where=domain.where or domain.name, remedy="name it so"
-                )
-            register(engine, action, len(domain.actions[action.functor].parameters))
+            name = self._pddl_name(action, domain)
+            register(engine, action, len(domain.actions[name].parameters), name)
         sensors = tuple(self.sensors())
         self.deliberator = Deliberator(
             engine,
@@ -139,6 +138,19 @@ class Deliberating(AgentNode):
         for sensor in sensors:
             sensor.join(self.deliberator)
         return engine
+
+    def _pddl_name(self, action: type[PlanAction], domain: PddlDomain) -> str:
+        """Name of the action of the domain that a class executes: its own, or one with hyphens for underscores."""
+        hyphened = (name for name in domain.actions if name.replace("-", "_") == action.functor)
+        name = action.functor if action.functor in domain.actions else next(hyphened, None)
+        if name is None:
+            classes = [known.replace("-", "_") for known in domain.actions]
+            raise PlanningError(
+                f"there is no action {action.functor}",
+                where=domain.where or domain.name,
+                remedy=f"rename the class: {suggestion(action.functor, classes)}",
+            )
+        return name
 
     def start(self) -> None:
         # Only now the trace has subscribers, and the clock a time.
