@@ -6,20 +6,47 @@ minus in French and Spanish. The words of each language are in readings.ini; tex
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Callable, Mapping
 from configparser import ConfigParser
 from dataclasses import dataclass
 from functools import cache
+from html.entities import html5
 from importlib.resources import files
 
-_MARKUP = (
-    (re.compile(r"</?[A-Za-z][^<>]*>"), ""),  # tags
-    (re.compile(r"\[([^\[\]\n]+)\]\([^()\s]*\)"), r"\1"),  # links
-    (re.compile(r"^#+\s+", re.MULTILINE), ""),  # headings
+_ATTRIBUTE = r"""\s+[\w:-]{1,40}\s?=\s?(?:"[^"<>]{0,300}"|'[^'<>]{0,300}'|[^\s"'<>]{1,300})"""
+_TAG = rf"</?(?P<tag>[A-Za-z][\w:-]{{0,40}})(?:{_ATTRIBUTE}){{0,20}}\s?/?>"
+_BREAKS = re.compile(r"blockquote|br|break|d[dt]|div|h[1-6r]|li|ol|p|pre|s|table|t[dhr]|ul", re.IGNORECASE)
+"""Tags of HTML and SSML between which words end."""
+
+
+def _gap(found: re.Match[str]) -> str:
+    return " " if _BREAKS.fullmatch(found["tag"]) else ""
+
+
+_MARKUP: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...] = (
+    (re.compile(r"<!--[^<>]{0,1000}-->"), ""),  # comments
+    (re.compile(_TAG), _gap),
+    (re.compile(r"^ {0,3}(?:`{3,}|~{3,})[\w+-]{0,20} {0,3}(?:\n|\Z)", re.MULTILINE), ""),  # fences of code
+    (re.compile(r"^ {0,3}([-*_])(?: ?\1){2,80} {0,3}$", re.MULTILINE), ""),  # rules between paragraphs
+    (re.compile(r"!?\[([^\[\]\n]+)\]\([^()\s]*\)"), r"\1"),  # links and images
+    (re.compile(r"^(?:#+\s+| {0,8}[-*\u2022] +(?=\S)|> +(?=[^\s\d]))", re.MULTILINE), ""),  # headings, lists, quotes
+    (re.compile(r"(?<![\w~])(_{1,2}|~~)(?=[^\s_~])([^\n]{0,200}?[^\s_~])\1(?![\w~])"), r"\2"),  # emphasis
     (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]{0,200}?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
-    (re.compile("[\u2600-\u27bf\U0001f000-\U0001faff][\u200d\ufe0f]*"), ""),  # emoji
+    (
+        re.compile("[\u231a\u231b\u23e9-\u23fa\u2600-\u27bf\u2b00-\u2bff\U0001f000-\U0001faff][\u200d\ufe0f]*"),
+        "",
+    ),  # emoji
+    (re.compile("\ufe0f?\u20e3|[\U000e0020-\U000e007f]"), ""),  # keycaps, letters of flags
+    (re.compile(r"&(?:[A-Za-z]{2,8}|#\d{2,6}|#x[0-9A-Fa-f]{2,5});"), lambda found: _character(found[0])),
 )
+
+
+def _character(entity: str) -> str:
+    character = html.unescape(entity) if entity[1] == "#" else html5.get(entity[1:], entity)
+    return character.replace("\u00a0", " ")
+
 
 _ADDRESS = re.compile(
     r"(?:https?://|(?=www\.))(?P<link>[\w.-]{1,200}(?:/[\w./-]{0,200})?)(?:[?#][^\s<>]*)?"
@@ -35,6 +62,7 @@ _CLOCK = re.compile(
 _PHONE = re.compile(r"(?<![\w.,:/-])(?:\+[1-9]|0\d)[\d ()/-]{4,24}\d(?![\w:]|[.,]\d)")
 _DATE = re.compile(r"\d{1,2}[/-]\d{1,2}[/-]\d{2,4}")
 _NUMBER = r"\d{1,12}(?:[.,]\d{1,6})?"
+_AMOUNT = r"(?:\d{1,3}(?:[.,]\d{3}){1,3}|\d{1,9})"
 _MINUS = re.compile(r"(?<!\S)[-\u2212](?=\d)")
 _RANGE = re.compile(r"(?<=\d)\s?\u2013\s?(?=\d)")
 
@@ -81,7 +109,7 @@ def spoken_text(text: str, language: str) -> str:
 
 
 def without_markup(text: str) -> str:
-    """Return ``text`` without HTML tags, Markdown and emoji, which voices would read aloud; unchanged if all is."""
+    """Return ``text`` without tags, Markdown and emoji, which voices would read aloud; unchanged if all is."""
     plain = text
     for pattern, kept in _MARKUP:
         plain = pattern.sub(kept, plain)
@@ -153,14 +181,17 @@ def _phone(text: str, plus: str) -> str:
 
 def _price(text: str, sign: str, names: tuple[str, str], cents: str) -> str:
     def spoken(found: re.Match[str]) -> str:
-        whole, part = found["before"] or found["after"], found["part_before"] or found["part_after"]
+        whole, part = found["before"] or found["after"], found["part_before"] or found["part_after"] or ""
+        if found["scale"] or len(part) == 1:
+            return f"{whole}{found['mark'] or found['mark_after'] or ''}{part}{found['scale'] or ''} {names[1]}"
         amount = names[0] if whole == "1" and not int(part or 0) else f"{whole} {names[1]}"
         return " ".join(one for one in (amount, *((cents, part.lstrip("0")) if int(part or 0) else ())) if one)
 
-    mark = re.escape(sign)
+    currency = re.escape(sign)
     return re.sub(
-        rf"(?<![\w.,])(?:{mark}\s?(?P<before>\d{{1,9}})(?:[.,](?P<part_before>\d\d))?(?![\d.,]\d|\d)"
-        rf"|(?P<after>\d{{1,9}})(?:[.,](?P<part_after>\d\d))?\s?{mark}(?!\w))",
+        rf"(?<![\w.,])(?:{currency}\s?(?P<before>{_AMOUNT})(?:(?P<mark>[.,])(?P<part_before>\d\d?))?(?![.,]?\d)"
+        rf"(?P<scale>\s(?:thousand|million|billion|trillion)\b)?"
+        rf"|(?P<after>{_AMOUNT})(?:(?P<mark_after>[.,])(?P<part_after>\d\d?))?\s?{currency}(?!\w))",
         spoken,
         text,
     )

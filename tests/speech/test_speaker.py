@@ -403,6 +403,17 @@ def test_published_sound_is_that_of_the_utterance() -> None:
         ("2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4", "2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4"),
         ("Room #3, a_b, 20 %  off", "Room #3, a_b, 20 %  off"),
         ("20 \u00b0C \u2122", "20 \u00b0C \u2122"),
+        ("a<b and c>d, List<int>5", "a<b and c>d, List5"),
+        ("<b>Hello</b><br/>you<p class='x'>there", "Hello you there"),
+        ("Hello<!-- aside --> you", "Hello you"),
+        ("Tea &amp; cake&nbsp;&lt; 3 &euro; AT&T; &nothing;", "Tea & cake < 3 \u20ac AT&T; &nothing;"),
+        ("_Hello_ __you__, ~~not~~ **_both_** _**of**_", "Hello you, not both of"),
+        ("a_b _c d_e, ~5 m", "a_b _c d_e, ~5 m"),
+        ("* one\n- two\n\u2022 three\n-5 \u00b0C", "one\ntwo\nthree\n-5 \u00b0C"),
+        ("> He said so.\n> 5 people", "He said so.\n> 5 people"),
+        ("One\n\n---\n```python\ntwo\n```", "One\n\n\ntwo"),
+        ("![a map](map.png)", "a map"),
+        ("Room 1\ufe0f\u20e3 \u2b50 \u23f0", "Room 1"),
         ("\U0001f600", "\U0001f600"),
         ("", ""),
     ],
@@ -426,6 +437,13 @@ def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
         ("fr", "\u00e0 -3 \u00b0C, \u00e0 5 s'il", "\u00e0 moins 3 degr\u00e9s Celsius, \u00e0 5 s'il"),
         ("en", "$3.50 or 1 \u20ac", "3 dollars 50 or one euro"),
         ("de", "3,50 \u20ac", "3 Euro 50"),
+        (
+            "en",
+            "$1,250.50, $1,000, $2.5 or $5 million",
+            "1,250 dollars 50, 1,000 dollars, 2.5 dollars or 5 million dollars",
+        ),
+        ("de", "1.250,50 \u20ac, 2,5 \u20ac, 1.000 \u20ac", "1.250 Euro 50, 2,5 Euro, 1.000 Euro"),
+        ("fr", "1 250,50 \u20ac", "1 250 euros 50"),
         ("en", "Call +49 30 123456 or 030 1234", "Call plus 4 9, 3 0, 1 2 3 4 5 6 or 0 3 0, 1 2 3 4"),
         ("fr", "au 01 42 34 56 78", "au 01, 42, 34, 56, 78"),
         ("en", "a.b@lab.example", "a dot b at lab dot example"),
@@ -450,7 +468,29 @@ def test_an_utterance_sounds_as_it_is_read_and_its_status_has_the_text_as_writte
     assert {begin.text, end.text} == {"At 18:00"}
 
 
-@pytest.mark.parametrize("part", ["*a ", "`", "*", "<a", "[a](", "#", " **a**", "0 ", "a@", "1:00-", "www.", "1,1"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        "*a ",
+        "`",
+        "*",
+        "<a",
+        "<a b=c",
+        " a=b",
+        "[a](",
+        "#",
+        " **a**",
+        "_a ",
+        "- -",
+        "&a",
+        "0 ",
+        "a@",
+        "1:00-",
+        "www.",
+        "1,1",
+        "1,111",
+    ],
+)
 def test_long_texts_of_markup_take_little_time(part: str) -> None:
     text = part * (limits.SENTENCE_CHARACTERS // len(part))
     begin = time.process_time()
