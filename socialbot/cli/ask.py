@@ -39,8 +39,8 @@ def ask(
         raise ParameterError("there is no question", remedy="socialbot ask runs/waldo 'Why did you greet me?'")
     recorded = opened_run(run)
     at_s = None if at is None else seconds_of(at)
-    if at_s is not None and not 0 <= at_s <= recorded.history.duration_s:
-        remedy = f"give a time from 0 to {recorded.history.duration_s:.2f} s"
+    if at_s is not None and not 0 <= at_s <= recorded.lasted_s:
+        remedy = f"give a time from 0 to {recorded.lasted_s:.2f} s"
         raise ParameterError(f"the run does not contain {at_s:.2f} s", where="--at", remedy=remedy)
     found = answer(recorded, question, at_s=at_s, speaker=person, agent=agent)
     lines = [found.text, *([found.assumes] if found.assumes else [])]

@@ -102,8 +102,8 @@ def _done(run: RecordedRun, number: int | None) -> Sequence[TraceRecord]:
 def _decided(run: RecordedRun, seconds: float) -> Sequence[TraceRecord]:
     from socialbot.runs.why import decided_at
 
-    if not 0 <= seconds <= run.history.duration_s:
-        remedy = f"give a time from 0 to {run.history.duration_s:.2f} s; --list shows the actions"
+    if not 0 <= seconds <= run.lasted_s:
+        remedy = f"give a time from 0 to {run.lasted_s:.2f} s; --list shows the actions"
         raise RunError(f"the run does not contain {seconds:.2f} s", where=str(run.folder), remedy=remedy)
     return decided_at(run.history, run.history.stamp(seconds))
 

@@ -61,6 +61,12 @@ class RecordedRun(RunView):
         return [*stopped, *failed, *self.damage]
 
     @property
+    def lasted_s(self) -> float:
+        """How long the run lasted (s), by its results; its last record may be earlier."""
+        told = self.results.get("bag", {}).get("duration_s") or self.results.get("seconds")
+        return max(self.history.duration_s, told) if isinstance(told, (int, float)) else self.history.duration_s
+
+    @property
     def title(self) -> str:
         """Name of the graph, and of the bag or folder."""
         bag = self.results.get("bag", {}).get("path")

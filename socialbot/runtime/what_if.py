@@ -73,8 +73,8 @@ def branch(recorded: RecordedRun, at_s: float, changes: Sequence[BranchChange], 
     graph = recorded.graph
     if graph is None:
         raise RunError("the graph of the run is unknown", where=str(recorded.folder), remedy="record the run again")
-    if not 0 <= at_s <= recorded.history.duration_s:
-        remedy = f"give a time from 0 to {recorded.history.duration_s:.2f} s"
+    if not 0 <= at_s <= recorded.lasted_s:
+        remedy = f"give a time from 0 to {recorded.lasted_s:.2f} s"
         raise RunError(f"the run does not contain {at_s:.2f} s", where=str(recorded.folder), remedy=remedy)
     stamp = recorded.history.stamp(at_s)
     changer = _Changer(recorded, graph, agent, changes, stamp)

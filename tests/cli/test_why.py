@@ -144,6 +144,18 @@ def test_run_without_actions(tmp_path):
         ask("why", empty)
 
 
+def test_a_run_contains_the_time_after_its_last_record(tmp_path):
+    quiet = greeting(tmp_path / "quiet")
+    file = quiet / "results.json"
+    results = json.loads(file.read_text()) if file.exists() else {}
+    file.write_text(json.dumps({**results, "seconds": 100.0, "bag": {}}))
+    code, told = ask("why", quiet, "--at", "99")
+    assert (code, told.startswith("Nothing was decided at 99.00 s; the last decision was at")) == (0, True)
+    with pytest.raises(RunError, match=r"does not contain 100.50 s") as caught:
+        ask("why", quiet, "--at", "100.5")
+    assert "from 0 to 100.00 s" in caught.value.remedy
+
+
 def test_times_are_seconds_or_minutes_and_seconds():
     assert (seconds_of("8.9"), seconds_of("1:23.4"), seconds_of("0:05")) == (8.9, 83.4, 5.0)
     for wrong in ("soon", "1:2:3", "", "1.5:2"):

@@ -292,11 +292,5 @@ def observe_run(run: RecordedRun, formulas: Iterable[TemporalFormula]) -> Observ
     if topics:
         for topic, message in run.messages(topics):
             observation.take_message(topic, message)
-    observation.read(max(run.end - history.start, nanoseconds(duration_s(run))))
+    observation.read(max(run.end - history.start, nanoseconds(run.lasted_s)))
     return observation
-
-
-def duration_s(run: RecordedRun) -> float:
-    """Return how long a run lasted, by its results; 0 if unknown. Its last record may be earlier."""
-    found = run.results.get("bag", {}).get("duration_s") or run.results.get("seconds")
-    return float(found) if isinstance(found, (int, float)) else 0.0
