@@ -12,8 +12,7 @@ from room_camera import PATROL, frame_of
 
 from socialbot import SECOND, Atom, Context, Input, Literal, Parameter, PersonDetections, TraceRecord, nanoseconds
 from socialbot.agents.hospital import PERSON_IN_ROOM, ActionCancel, ActionResult, Spot, WorldAction, names_of
-from socialbot.bdi import Action, Engine, Sensor
-from socialbot.bdi.literals import literal
+from socialbot.bdi import Action, Engine, Sensor, literal
 
 PROGRAM = Path(__file__).with_name("seeing_spot.asl")
 NOT_SEEN = "room not seen"

@@ -33,6 +33,7 @@ from socialbot.bdi.literals import (
     SingletonBelief,
     error,
     error_msg,
+    literal,
     source,
 )  # fmt: skip
 from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, stage
@@ -71,6 +72,6 @@ __all__ = [
     "Pool", "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction",
     "ThreadSensor", "Trace", "Variable", "action", "apart", "as_long_as", "as_text", "ask", "asl", "asl_action",
     "atomic", "compute", "count", "drop", "enter", "error", "error_msg", "fail", "findall", "first_of", "for_each",
-    "labelled", "max_of", "message", "min_of", "my_name", "priority", "read_trace", "resume", "send", "source",
-    "stage", "sum_of", "suspend", "tee", "test", "together", "variables", "wait", "wait_for", "when",
+    "labelled", "literal", "max_of", "message", "min_of", "my_name", "priority", "read_trace", "resume", "send",
+    "source", "stage", "sum_of", "suspend", "tee", "test", "together", "variables", "wait", "wait_for", "when",
 ]  # fmt: skip

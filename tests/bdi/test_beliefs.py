@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+import socialbot.bdi
 from socialbot.bdi import Atom, Belief, Engine, Variable, _relations, source
 from socialbot.bdi._relations import Index, choices
 from socialbot.bdi.literals import MOST_SOURCES, PERCEPT, SELF, SOURCES, literal, source_notes
@@ -184,6 +185,13 @@ def test_beliefs_may_change_while_they_are_looked_through():
         engine.forget(held.belief)
         engine.run_until_idle()
     assert not list(engine.beliefs)
+
+
+def test_belief_without_a_class_is_an_event_and_is_found_by_its_name():
+    returned = socialbot.bdi.literal("total-returned", (X,))
+    lab = Lab(+returned >> [do(X)])
+    lab.tell(+socialbot.bdi.literal("total-returned", (3,)))
+    assert (lab.done, list(lab.engine.query(returned))) == ([3], [{"X": 3}])
 
 
 def test_arity_is_part_of_a_belief():
