@@ -18,9 +18,9 @@ import numpy as np
 
 from socialbot.bags import codec
 from socialbot.bags.image_files import SUFFIXES, open_video, read_depth, read_image, unread_images, video_stamps
-from socialbot.bags.reader import Bag, RosbagsTypes, Skipped, natural, open_bag
+from socialbot.bags.other_images import decoded_images, image_topic_of
+from socialbot.bags.reader import DECODED_TYPES, Bag, RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
-from socialbot.bags.video_packets import DECODED_TYPES, decoded_images, image_topic_of
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError
@@ -352,10 +352,10 @@ def convert_bag(
 
     Args:
         form: Form of structured messages; None leaves them as they are.
-        decode: Whether JPEG images replace the packets of `DECODED_TYPES`.
+        decode: Whether images replace the messages of `DECODED_TYPES`: JPEG images those of video.
 
     Raises:
-        BagError: ``source`` cannot be read or has no video to decode, or ``out`` exists or cannot be written.
+        BagError: ``source`` cannot be read or has nothing to decode, or ``out`` exists or cannot be written.
         InstallationError: Video is decoded, and PyAV is missing.
     """
     types = RosbagsTypes()
@@ -363,10 +363,10 @@ def convert_bag(
     with open_bag(source) as bag, BagWriter(out, storage=storage, only_whole=True) as writer:
         made = Conversion(writer.path, skipped=bag.skipped)
         latched = {topic.name: bag.is_latched(topic.name) for topic in bag.topics}
-        videos = _videos(bag) if decode else []
-        copied = bag.raw_messages({each.name: each.name for each in bag.topics if each.name not in videos})
+        decoded = _decoded_topics(bag) if decode else []
+        copied = bag.raw_messages({each.name: each.name for each in bag.topics if each.name not in decoded})
         for topic, time, name, data in heapq.merge(
-            copied, _decoded(types, bag, videos, made), key=lambda item: item[1]
+            copied, _decoded(types, bag, decoded, made), key=lambda item: item[1]
         ):
             if form is not None and (name == codec.STRING or name in codec.typed_messages()):
                 try:
@@ -386,24 +386,27 @@ def convert_bag(
     return made
 
 
-def _videos(bag: Bag) -> list[str]:
-    """Topics of ``bag`` whose video is decoded. Raises BagError if there are none, or their images have no topic."""
-    videos = [topic.name for topic in bag.topics if topic.type in DECODED_TYPES and topic.count]
-    taken = sorted({image_topic_of(name) for name in videos} & {topic.name for topic in bag.topics if topic.count})
+def _decoded_topics(bag: Bag) -> list[str]:
+    """Topics of ``bag`` that are decoded. Raises BagError if there are none, or their images have no topic."""
+    topics = [topic for topic in bag.topics if topic.type in DECODED_TYPES and topic.count]
+    names = {topic.name for topic in topics}
+    taken = sorted(
+        {image_topic_of(topic) for topic in topics} & {each.name for each in bag.topics if each.count} - names
+    )
     if taken:
         what, remedy = f"has messages on {taken[0]} already", "use those images, or leave them out of the bag"
     else:
-        what, remedy = "has no video packets that can be decoded", f"known are {' and '.join(DECODED_TYPES)}"
-    if taken or not videos:
+        what, remedy = "has no images that can be decoded", f"known are {', '.join(DECODED_TYPES)}"
+    if taken or not topics:
         raise BagError(what, where=str(bag.path), remedy=remedy)
-    return videos
+    return [topic.name for topic in topics]
 
 
 def _decoded(
-    types: RosbagsTypes, bag: Bag, videos: Sequence[str], made: Conversion
+    types: RosbagsTypes, bag: Bag, names: Sequence[str], made: Conversion
 ) -> Iterator[tuple[str, int, str, bytes]]:
-    """Yield topic, time, type and bytes of the images of ``videos``."""
-    for topic, time, image in decoded_images(bag, videos, made.skipped):
+    """Yield topic, time, type and bytes of the images of the topics ``names``."""
+    for topic, time, image in decoded_images(bag, names, made.skipped):
         ros_message = codec.encode(image, types)
         made.converted += 1
         yield topic, time, ros_message.__msgtype__, types.serialize(ros_message)

@@ -64,7 +64,12 @@ T = TypeVar("T")
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
-VIDEO_TYPES = (FFMPEG_PACKET, FOXGLOVE_VIDEO, "theora_image_transport/msg/Packet")
+FOXGLOVE_IMAGE = "foxglove_msgs/msg/CompressedImage"
+FOXGLOVE_RAW_IMAGE = "foxglove_msgs/msg/RawImage"
+DECODED_TYPES = (FFMPEG_PACKET, FOXGLOVE_VIDEO, FOXGLOVE_IMAGE, FOXGLOVE_RAW_IMAGE)
+OTHER_IMAGE_TYPES = (*DECODED_TYPES, "theora_image_transport/msg/Packet")
+"""Types with images or video that no node takes. A new bag with images can be made of `DECODED_TYPES`."""
+
 SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
 """Types whose header has the time of a measurement; latched types may be older than their reception."""
 
@@ -279,10 +284,10 @@ class Bag(AbstractContextManager["Bag"]):
             remedy = f"record an image topic; the bag has {', '.join(self._names())}"
             if empty:
                 remedy = f"record while the camera publishes: no messages on {', '.join(empty)}"
-            if videos := [topic.name for topic in self._filled(*VIDEO_TYPES)]:
+            if videos := [topic.name for topic in self._filled(*OTHER_IMAGE_TYPES)]:
                 remedy = f"republish {', '.join(videos)} as raw or JPEG images"
-            if self._filled(FFMPEG_PACKET, FOXGLOVE_VIDEO):
-                remedy = f"decode its video first: socialbot bag convert {self.path} NEW --decode"
+            if self._filled(*DECODED_TYPES):
+                remedy = f"decode its images first: socialbot bag convert {self.path} NEW --decode"
             raise self._refused(f"the bag has no images{depth}", remedy)
         assert wanted is not None
         known = wanted in self._names()

@@ -227,10 +227,12 @@ def convert(
         Literal["json", "typed"] | None,
         typer.Option(help="Structured messages: json: text in std_msgs/String; typed: socialbot_msgs."),
     ] = None,
-    decode: Annotated[bool, typer.Option("--decode", help="Replace video packets by JPEG images (PyAV).")] = False,
+    decode: Annotated[
+        bool, typer.Option("--decode", help="Images in place of video packets and images of Foxglove.")
+    ] = False,
     storage: StorageOption = "mcap",
 ) -> None:
-    """Convert the structured messages of a bag to JSON or to their own ROS types, or its video packets to images."""
+    """Convert the structured messages of a bag to JSON or to their own ROS types, or decode its video."""
     from socialbot.bags.conversion import convert_bag
 
     if wire is None and not decode:
@@ -243,7 +245,7 @@ def convert(
         console.print(f"[yellow]as before[/]: {escape(topic)}: {kept.count}, first: {escape(kept.first)}")
     for topic, skipped in sorted(made.skipped.items()):
         console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
-    form = " or ".join(filter(None, (wire, "JPEG" if decode else "")))
+    form = " or ".join(filter(None, (wire, "images" if decode else "")))
     console.print(f"{many(made.messages, 'message')} in {made.path}, {made.converted} of them now {form}")
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
-from socialbot.bags.reader import IMAGE_TYPES, VIDEO_TYPES, Bag, open_bag
+from socialbot.bags.reader import IMAGE_TYPES, OTHER_IMAGE_TYPES, Bag, open_bag
 from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import BagError, ImageError
@@ -143,7 +143,7 @@ def has_pictures(path: Path) -> bool:
 
 def _holds_hidden_pictures(bag: Bag, name: str) -> bool:
     """Whether messages of a type hold video or images in a field. Textures of visualization_msgs are no pictures."""
-    if name in VIDEO_TYPES:
+    if name in OTHER_IMAGE_TYPES:
         return True
     fields = name not in IMAGE_TYPES and not name.startswith("visualization_msgs/")
     return fields and _IMAGE_FIELD.search(bag.definition(name)[0]) is not None

@@ -15,8 +15,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.codec import encode
-from socialbot.bags.reader import VIDEO_TYPES, open_bag
-from socialbot.bags.video_packets import DECODED_TYPES
+from socialbot.bags.reader import DECODED_TYPES, OTHER_IMAGE_TYPES, open_bag
 from socialbot.bags.writer import STORAGES, BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
@@ -481,8 +480,8 @@ def test_messages_of_one_time_keep_their_order(tmp_path, storage):
     assert found == [message.text for _, message in said]
 
 
-@pytest.mark.parametrize("kind", VIDEO_TYPES)
-def test_video_packets_are_named_where_a_bag_has_no_images(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", OTHER_IMAGE_TYPES)
+def test_images_that_no_node_takes_are_named_where_a_bag_has_no_images(tmp_path: Path, kind: str) -> None:
     writer = Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
         packets = writer.add_connection("/camera/video", kind, msgdef="uint8[] data", rihs01="unknown")
@@ -490,6 +489,6 @@ def test_video_packets_are_named_where_a_bag_has_no_images(tmp_path: Path, kind:
     with open_bag(tmp_path / "bag") as bag, pytest.raises(BagError, match="the bag has no images") as caught:
         bag.choose_image_topic()
     assert caught.value.remedy is not None
-    decoded = f"decode its video first: socialbot bag convert {tmp_path / 'bag'} NEW --decode"
+    decoded = f"decode its images first: socialbot bag convert {tmp_path / 'bag'} NEW --decode"
     republished = "republish /camera/video as raw or JPEG images"
     assert caught.value.remedy == (decoded if kind in DECODED_TYPES else republished)

@@ -11,11 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from socialbot.bags import codec
 from socialbot.bags.conversion import TOPIC, convert_bag, import_bag
-from socialbot.bags.reader import BagWriter, RosbagsTypes, open_bag
+from socialbot.bags.reader import FOXGLOVE_IMAGE, FOXGLOVE_RAW_IMAGE, BagWriter, RosbagsTypes, open_bag
 from socialbot.cli.bag import bag as commands
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import BagError, ParameterError
@@ -23,6 +24,7 @@ from socialbot.core.messages import (
     CameraInfo,
     CompressedDepth,
     CompressedImage,
+    Image,
     Mind,
     PersonDetection,
     PersonDetections,
@@ -31,6 +33,7 @@ from socialbot.core.messages import (
     Utterance,
 )
 from socialbot.vision.depth_images import depth_in_metres, unpacked_depth
+from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from tests.system.running import limited
 
 INFO = "/camera/camera_info"
@@ -404,3 +407,55 @@ def test_a_bag_that_cannot_be_begun_leaves_no_folder(tmp_path: Path, storage: st
     with limited(resource.RLIMIT_NOFILE, lowest), pytest.raises(BagError, match="cannot be written"):
         BagWriter(tmp_path / "out", storage=storage).__enter__()
     assert not (tmp_path / "out").exists()
+
+
+FOXGLOVE = {
+    FOXGLOVE_IMAGE: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    FOXGLOVE_RAW_IMAGE: "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\n"
+    "string encoding\nuint32 step\nuint8[] data\n",
+}
+
+
+def foxglove_bag(path: Path, topic: str, kind: str, fields: dict[str, object], text: str = "") -> Path:
+    """Write a bag with three messages of ``kind`` on ``topic``, one a second."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    types.register(get_types_from_msg(text or FOXGLOVE[kind], kind))
+    with BagWriter(path) as writer:
+        for second in range(3):
+            at = types.types["builtin_interfaces/msg/Time"](sec=second + 1, nanosec=7)
+            message = types.types[kind](**{"timestamp": at, "frame_id": "optical", **fields})
+            data = bytes(types.serialize_cdr(message, kind))
+            writer.write_raw(topic, kind, data, (second + 1) * SECOND, definition=text or FOXGLOVE[kind])
+    return path
+
+
+@pytest.mark.parametrize("kind", FOXGLOVE)
+def test_images_of_foxglove_become_those_of_ros(tmp_path: Path, kind: str) -> None:
+    rows = np.zeros((48, 208), np.uint8)  # a padded row
+    rows[:, : 64 * 3] = picture(90).reshape(48, 192)
+    fields = {"width": 64, "height": 48, "encoding": "rgb8", "step": 208, "data": rows.reshape(-1)}
+    if kind == FOXGLOVE_IMAGE:
+        fields = {"format": "png", "data": cv2.imencode(".png", picture(90))[1].reshape(-1)}
+    bag = foxglove_bag(tmp_path / "bag", "/camera", kind, fields)
+    with open_bag(bag) as opened, pytest.raises(BagError, match="the bag has no images") as refused:
+        opened.choose_image_topic()
+    assert f"socialbot bag convert {bag} NEW --decode" in str(refused.value)
+    done = CliRunner().invoke(commands, ["convert", str(bag), str(tmp_path / "new"), "--decode"])
+    assert done.exit_code == 0, done.output
+    assert "3 of them now images" in done.output
+    with open_bag(tmp_path / "new") as opened:
+        found = [message for _, message in opened.messages({opened.choose_image_topic().name: "/image"})]
+    assert [message.stamp for message in found] == [second * SECOND + 7 for second in (1, 2, 3)]
+    for message in found:
+        assert isinstance(message, Image | CompressedImage)
+        assert message.frame_id == "optical"
+        pixels = bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message)
+        assert np.array_equal(pixels, picture(90))
+
+
+def test_images_of_foxglove_with_other_fields_are_refused(tmp_path: Path) -> None:
+    text = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\n"
+    bag = foxglove_bag(tmp_path / "bag", "/camera", FOXGLOVE_IMAGE, {"data": np.zeros(9, np.uint8)}, text)
+    with pytest.raises(BagError, match=r"CompressedImage has other fields .*format"):
+        convert_bag(bag, tmp_path / "new", None, decode=True)
+    assert not (tmp_path / "new").exists()

@@ -181,6 +181,7 @@ def test_a_bag_without_images_can_be_shared_as_it_is(tmp_path):
 FIELDS = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "uint8[] data",
     "foxglove_msgs/msg/CompressedVideo": "uint8[] data",
+    "foxglove_msgs/msg/RawImage": "uint8[] data",
     "realsense2_camera_msgs/msg/RGBD": "sensor_msgs/Image rgb\n====\nMSG: sensor_msgs/Image\nuint8[] data",
     "visualization_msgs/msg/Marker": "sensor_msgs/CompressedImage texture",
     "unitree_go/msg/Go2FrontVideoData": "uint8[] video720p",
@@ -197,7 +198,7 @@ def test_pictures_in_fields_and_video_are_left_out(bag, tmp_path, privacy):
         for name, definition in FIELDS.items():
             writer.write_raw(f"/{name.split('/')[2]}", name, b"\0\1\0\0" + bytes(8), START, definition=definition)
     made = redact(tmp_path / "more", tmp_path / "out", privacy, graph=waldo(bag))
-    assert made.left_out == {"/FFMPEGPacket": 1, "/CompressedVideo": 1, "/RGBD": 1}
+    assert made.left_out == {"/FFMPEGPacket": 1, "/CompressedVideo": 1, "/RawImage": 1, "/RGBD": 1}
     assert set(made.unknown) == {"/Go2FrontVideoData", "/Undefined"}
     with open_bag(made.path) as opened:
         names = {topic.name for topic in opened.topics}

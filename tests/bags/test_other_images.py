@@ -110,7 +110,7 @@ def test_each_packet_becomes_the_image_of_its_time(tmp_path: Path, kind: str, en
     bag = video_bag(tmp_path / "bag", kind, encoding, data)
     done = socialbot_here("bag", "convert", bag, tmp_path / "new", "--decode")
     assert done.returncode == 0, done.stderr
-    assert f"{len(data)} of them now JPEG" in done.stdout
+    assert f"{len(data)} of them now images" in done.stdout
     found = images(tmp_path / "new", IMAGES[kind])
     assert [image.stamp for image in found] == [START + number * STEP for number in range(len(data))]
     assert {image.frame_id for image in found} == {"camera_optical"}
@@ -166,7 +166,7 @@ def test_unknown_encodings_and_bags_without_video_are_refused(tmp_path: Path) ->
         convert_bag(tmp_path / "again", tmp_path / "new", None, decode=True)
     with BagWriter(tmp_path / "words") as writer:
         writer.write(SAY, Utterance(stamp=START, id="say", text="hello"), START)
-    with pytest.raises(BagError, match="has no video packets that can be decoded"):
+    with pytest.raises(BagError, match="has no images that can be decoded"):
         convert_bag(tmp_path / "words", tmp_path / "new", None, decode=True)
 
 

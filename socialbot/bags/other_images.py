@@ -1,4 +1,4 @@
-"""Images of the video packets in bags: of ffmpeg_image_transport, and CompressedVideo of Foxglove."""
+"""Images of the messages in bags that no node takes: of ffmpeg_image_transport and of Foxglove."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from socialbot.bags.reader import FFMPEG_PACKET, FOXGLOVE_VIDEO, Bag, Skipped
+from socialbot.bags.reader import FFMPEG_PACKET, FOXGLOVE_IMAGE, FOXGLOVE_RAW_IMAGE, Bag, BagTopic, Skipped
 from socialbot.core.errors import BagError, InstallationError
 from socialbot.core.installation import extra_command
 from socialbot.core.limits import DECODER_BYTES, IMAGE_PIXELS
 from socialbot.core.memory_limit import memory_limit
-from socialbot.core.messages import CompressedImage
-
-DECODED_TYPES = (FFMPEG_PACKET, FOXGLOVE_VIDEO)
+from socialbot.core.messages import CompressedImage, Image
 
 _DECODERS = {
     "264": "h264",
@@ -33,39 +31,50 @@ _TRANSPORTS = ("ffmpeg", "foxglove", "h264", "h265", "hevc", "video")
 """Last parts of the names of topics that become ``compressed``."""
 
 
-def image_topic_of(name: str) -> str:
-    """Topic for the images of the packets on ``name``: ``/camera/image_raw/ffmpeg`` becomes that of JPEG images."""
-    base, _, last = name.rpartition("/")
-    return f"{base if base and last in _TRANSPORTS else name}/compressed"
+def image_topic_of(topic: BagTopic) -> str:
+    """Topic for the images of ``topic``: ``/camera/image_raw/ffmpeg`` becomes that of JPEG images.
+
+    Images of Foxglove keep their topic.
+    """
+    if topic.type in (FOXGLOVE_IMAGE, FOXGLOVE_RAW_IMAGE):
+        return topic.name
+    base, _, last = topic.name.rpartition("/")
+    return f"{base if base and last in _TRANSPORTS else topic.name}/compressed"
 
 
 def decoded_images(
     bag: Bag, names: Sequence[str], skipped: dict[str, Skipped]
-) -> Iterator[tuple[str, int, CompressedImage]]:
-    """Yield topic, time of reception (ns) and JPEG image of each packet on the topics ``names``.
+) -> Iterator[tuple[str, int, CompressedImage | Image]]:
+    """Yield topic, time of reception (ns) and image of each message on the topics ``names``.
+
+    Video becomes JPEG images; images of Foxglove keep their encoding and data.
 
     Args:
         skipped: Gets the number of packets without an image by topic: damaged ones, and those before a key frame.
 
     Raises:
-        BagError: The encoding of a topic is unknown, or none of its packets can be decoded.
-        InstallationError: PyAV is missing.
+        BagError: The encoding of a video is unknown, or none of its packets can be decoded.
+        InstallationError: PyAV is missing for a video.
     """
     decoders: dict[str, _Decoder] = {}
-    for name, time, packet in bag.ros_messages(names):
-        ffmpeg = hasattr(packet, "header")
-        encoding = packet.encoding if ffmpeg else packet.format
-        stamp, frame_id = (
-            (packet.header.stamp, packet.header.frame_id) if ffmpeg else (packet.timestamp, packet.frame_id)
-        )
+    topics = {name: bag.topic(name) for name in names}
+    for name, time, message in bag.ros_messages(names):
+        topic, where = image_topic_of(topics[name]), f"{bag.path}: {name}"
+        try:
+            found = _parts(topics[name].type, message, time)
+        except AttributeError as error:
+            what = f"{topics[name].type} has other fields than the one of its makers ({error})"
+            raise BagError(what, where=where, remedy="leave out the topic") from error
+        if not isinstance(found, _Packet):
+            yield topic, time, found
+            continue
         if name not in decoders:
-            decoders[name] = _Decoder(_codec_of(encoding, f"{bag.path}: {name}"))
-        source = _Source(time, stamp.sec * 10**9 + stamp.nanosec, frame_id)
-        for of, pixels in decoders[name].images(packet.data, source):
-            yield image_topic_of(name), of.time, _jpeg(pixels, of)
+            decoders[name] = _Decoder(_codec_of(found.encoding, where))
+        for of, pixels in decoders[name].images(found):
+            yield topic, of.time, _jpeg(pixels, of)
     for name, decoder in decoders.items():
         for of, pixels in decoder.rest():
-            yield image_topic_of(name), of.time, _jpeg(pixels, of)
+            yield image_topic_of(topics[name]), of.time, _jpeg(pixels, of)
         if decoder.without_image == decoder.packets:
             what = f"no image can be decoded: {decoder.first_error or 'it has no key frame'}"
             raise BagError(what, where=f"{bag.path}: {name}", remedy="record the video from a key frame on")
@@ -75,10 +84,35 @@ def decoded_images(
 
 
 @dataclass(frozen=True)
-class _Source:
+class _Packet:
+    """Video packet, with its time of reception (ns)."""
+
     time: int
     stamp: int
     frame_id: str
+    encoding: str
+    data: np.ndarray
+
+
+def _parts(kind: str, message: Any, time: int) -> _Packet | CompressedImage | Image:
+    """Packet or image in a ROS message of type ``kind``. Raises AttributeError if it has other fields."""
+    head = message.header if kind == FFMPEG_PACKET else message
+    at = head.stamp if kind == FFMPEG_PACKET else head.timestamp
+    stamp = at.sec * 10**9 + at.nanosec
+    if kind == FOXGLOVE_RAW_IMAGE:
+        return Image(
+            stamp=stamp,
+            frame_id=head.frame_id,
+            height=message.height,
+            width=message.width,
+            encoding=message.encoding,
+            step=message.step,
+            data=message.data,
+        )
+    encoding = message.encoding if kind == FFMPEG_PACKET else message.format
+    if kind == FOXGLOVE_IMAGE:
+        return CompressedImage(stamp=stamp, frame_id=head.frame_id, format=encoding, data=message.data)
+    return _Packet(time, stamp, head.frame_id, encoding, message.data)
 
 
 @dataclass
@@ -89,7 +123,7 @@ class _Decoder:
     first_error: str = ""
     packets: int = 0
     _latest: int = 0
-    _pending: dict[int, _Source] = field(default_factory=dict)
+    _pending: dict[int, _Packet] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         try:
@@ -107,18 +141,18 @@ class _Decoder:
         """Number of packets that gave no image."""
         return len(self._pending)
 
-    def images(self, data: np.ndarray, source: _Source) -> Iterator[tuple[_Source, np.ndarray]]:
+    def images(self, source: _Packet) -> Iterator[tuple[_Packet, np.ndarray]]:
         self._pending[self.packets] = source
-        packet = self._packet(data.tobytes())
+        packet = self._packet(source.data.tobytes())
         packet.pts = packet.dts = self.packets
         self.packets += 1
         yield from self._decode(packet)
 
-    def rest(self) -> Iterator[tuple[_Source, np.ndarray]]:
+    def rest(self) -> Iterator[tuple[_Packet, np.ndarray]]:
         """The images that the decoder holds back."""
         yield from self._decode(None)
 
-    def _decode(self, packet: Any) -> Iterator[tuple[_Source, np.ndarray]]:
+    def _decode(self, packet: Any) -> Iterator[tuple[_Packet, np.ndarray]]:
         try:
             with memory_limit(DECODER_BYTES):
                 frames = [(frame.pts, frame.to_ndarray(format="bgr24")) for frame in self._context.decode(packet)]
@@ -141,7 +175,7 @@ def _codec_of(encoding: str, where: str) -> str:
     raise BagError(f"the video encoding {encoding!r} is unknown", where=where, remedy=f"known: {known}")
 
 
-def _jpeg(pixels: np.ndarray, source: _Source) -> CompressedImage:
+def _jpeg(pixels: np.ndarray, source: _Packet) -> CompressedImage:
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 90])
     return CompressedImage(
         stamp=source.stamp, frame_id=source.frame_id, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
