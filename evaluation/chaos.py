@@ -213,6 +213,7 @@ def _memory_mb(pid: int) -> int:
 
 def _end(process: subprocess.Popen[bytes]) -> Iterator[str]:
     """End ``up`` by SIGTERM."""
+    report_alive()
     family = {psutil.Process(pid) for pid in descendants(process.pid)} if process.poll() is None else set()
     process.terminate()
     try:

@@ -35,7 +35,8 @@ ANSWER_S = 20.0
 LOG, RENEWAL = "up.log", "restart everything: a process died after the clock was set back"
 """Log of ``up``, and what it says there."""
 SILENT_S = 180.0
-"""Longest time (s) without a greeting: the scene shows a person each 13 s, and recovery may take a minute."""
+"""Longest time (s) without a greeting: the scene shows a person each 13 s, and recovery may take a minute. Like that
+minute, it excludes waiting for a processor."""
 ORPHAN_S = 2.0
 SETTLED_S = 60.0
 GROWTH, GROWTH_MB = 1.3, 30
@@ -210,7 +211,9 @@ class Check:
         self._faults: list[tuple[float, float]] = []
         self._pids: dict[str, dict[str, int]] = {}
         self._may_end = ("", "")
-        self._begun = time.monotonic()
+        self._clock = FairClock()
+        self._greeted = 0.0, 0.0
+        """When the last greeting arrived, and the time of the clock at the next check."""
         self.checks = 0
         self.observed_anew = 0
         """How often DDS blocked an observer of this check."""
@@ -223,8 +226,8 @@ class Check:
         """
         may, self._may_end = (may_end, self._may_end), may_end
         found: list[str] = []
-        clock = FairClock()
-        while (ill := self._ill()) and clock.tick() < RECOVERY_S and self._all_run():
+        end = self._clock.tick() + RECOVERY_S
+        while (ill := self._ill()) and self._clock.tick() < end and self._all_run():
             report_alive()
             self.observed_anew += sum(subject.keep_observing() for subject in self._subjects)
             time.sleep(0.1)
@@ -264,10 +267,12 @@ class Check:
             if abs(later - earlier) < APART_S:  # the clock of a graph that was started again may be behind
                 yield f"two greetings within {abs(later - earlier):.1f} s: {one}, {other}"
         del subject.greetings[:-1]
-        now = time.monotonic()
-        since = max(self._begun, subject.greeted)
-        if subject.name == "waldo" and now - since > SILENT_S:
-            yield f"no greeting was heard for {now - since:.0f} s"
+        now, fair_s = time.monotonic(), self._clock.tick()
+        if subject.name == "waldo":
+            if subject.greeted > self._greeted[0]:
+                self._greeted = subject.greeted, fair_s
+            if fair_s - self._greeted[1] > SILENT_S:
+                yield f"no greeting was heard for {fair_s - self._greeted[1]:.0f} s"
         for utterance, at in list(subject.said.items()):
             if at > now - ANSWER_S:
                 continue

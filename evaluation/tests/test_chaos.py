@@ -127,6 +127,20 @@ def test_a_process_without_memory_may_end_during_the_next_fault(subject):
     assert check.after("a pause", 0.0) == ["waldo: head was restarted without a cause at a pause"]
 
 
+def test_silence_excludes_waiting_for_a_processor(subject, monkeypatch):
+    steady_s, stalled_s = 100.0, 7.0
+    monkeypatch.setattr(chaos_checks, "FairClock", lambda: FairClock(lambda: steady_s, lambda: stalled_s))
+    check = Check([subject])
+    steady_s, stalled_s = steady_s + 200.0, stalled_s + 30.0
+    assert check.after("a load", 0.0) == []
+    steady_s += 20.0
+    assert check.after("a kill", 0.0) == ["waldo: no greeting was heard for 190 s after a kill"]
+    subject.greeted = time.monotonic()
+    assert check.after("a greeting", 0.0) == []
+    steady_s += 181.0
+    assert check.after("nothing", 0.0) == ["waldo: no greeting was heard for 181 s after nothing"]
+
+
 def test_a_limit_counts_time_without_waiting_for_a_processor():
     steady_s, stalled_s = 100.0, 7.0
     clock = FairClock(lambda: steady_s, lambda: stalled_s)
