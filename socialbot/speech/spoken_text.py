@@ -25,6 +25,8 @@ def _gap(found: re.Match[str]) -> str:
     return " " if _BREAKS.fullmatch(found["tag"]) else ""
 
 
+_EMOJI = "(?:[\u231a\u231b\u23e9-\u23fa\u2600-\u27bf\u2b00-\u2bff\U0001f000-\U0001faff][\u200d\ufe0f]*)+"
+
 _MARKUP: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...] = (
     (re.compile(r"<!--[^<>]{0,1000}-->"), ""),  # comments
     (re.compile(_TAG), _gap),
@@ -34,10 +36,8 @@ _MARKUP: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...
     (re.compile(r"^(?:#+\s+| {0,8}[-*\u2022] +(?=\S)|> +(?=[^\s\d]))", re.MULTILINE), ""),  # headings, lists, quotes
     (re.compile(r"(?<![\w~])(_{1,2}|~~)(?=[^\s_~])([^\n]{0,200}?[^\s_~])\1(?![\w~])"), r"\2"),  # emphasis
     (re.compile(r"(?<![\w*`])(\*{1,3}|`+)(?=[^\s*`])([^\n]{0,200}?[^\s*`])\1(?![\w*`])"), r"\2"),  # emphasis and code
-    (
-        re.compile("[\u231a\u231b\u23e9-\u23fa\u2600-\u27bf\u2b00-\u2bff\U0001f000-\U0001faff][\u200d\ufe0f]*"),
-        "",
-    ),  # emoji
+    (re.compile(rf"(?<=\w){_EMOJI}(?=\w)"), " "),  # emoji between words
+    (re.compile(_EMOJI), ""),
     (re.compile("\ufe0f?\u20e3|[\U000e0020-\U000e007f]"), ""),  # keycaps, letters of flags
     (re.compile(r"&(?:[A-Za-z]{2,8}|#\d{2,6}|#x[0-9A-Fa-f]{2,5});"), lambda found: _character(found[0])),
 )

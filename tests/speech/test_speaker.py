@@ -399,6 +399,7 @@ def test_published_sound_is_that_of_the_utterance() -> None:
         ("# Hello\n## you", "Hello\nyou"),
         ("See [the map](https://maps.example/a).", "See the map."),
         ("Hello \U0001f600!", "Hello !"),
+        ("Hi\U0001f44b\U0001f44byou, see\u2764\ufe0fme", "Hi you, see me"),
         ("Hello \u2764\ufe0f you", "Hello you"),
         ("2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4", "2 < 3 and 5 > 4, 2*3*4 = 24, 2 * 3 * 4"),
         ("Room #3, a_b, 20 %  off", "Room #3, a_b, 20 %  off"),
