@@ -59,8 +59,8 @@ _CLOCK = re.compile(
     r"(?::(?P<minute>[0-5]\d)|\s?h\s?(?P<after>[0-5]\d)?)(?![\d:\w])(?P<suffix>\s?(?:Uhr|a\.m\.|p\.m\.|am|pm|o'clock)(?!\w))?",
     re.IGNORECASE,
 )
-_PHONE = re.compile(r"(?<![\w.,:/-])(?:\+[1-9]|0\d)[\d ()/-]{4,24}\d(?![\w:]|[.,]\d)")
-_DATE = re.compile(r"\d{1,2}[/-]\d{1,2}[/-]\d{2,4}")
+_DATE = r"\d{1,2}[/-]\d{1,2}[/-](?:\d{4}|\d\d)(?![/-]?\d)"
+_PHONE = re.compile(rf"(?<![\w.,:/-])(?!{_DATE})(?:\+[1-9]|0\d)[\d ()/-]{{4,24}}\d(?![\w:]|[.,]\d)")
 _NUMBER = r"\d{1,12}(?:[.,]\d{1,6})?"
 _AMOUNT = r"(?:\d{1,3}(?:[.,]\d{3}){1,3}|\d{1,9})"
 _MINUS = re.compile(r"(?<!\S)[-\u2212](?=\d)")
@@ -98,9 +98,9 @@ def spoken_text(text: str, language: str) -> str:
     text = _ADDRESS.sub(lambda found: _address(found["link"] or found["mail"], words), text)
     joined = {name.replace(" ", ""): word for name, word in readings.short.items()}
     text = short.sub(lambda found: joined[found[0].replace(" ", "")], text)
+    text = _PHONE.sub(lambda found: _phone(found[0], words["plus"]), text)  # before times become numbers
     text = _TIMES.sub(rf"\1 {words['to']} ", text)
     text = _CLOCK.sub(lambda found: _clock(found, language), text)
-    text = _PHONE.sub(lambda found: _phone(found[0], words["plus"]), text)
     text = _MINUS.sub(f"{words['minus']} ", text)
     text = _RANGE.sub(f" {words['to']} ", text)
     for sign, names in readings.currencies.items():
@@ -171,8 +171,6 @@ _SPOKEN_CLOCKS: Mapping[str, Callable[[int, int, str, str], str]] = {
 
 def _phone(text: str, plus: str) -> str:
     """Digits one by one, with a pause between groups; pairs stay, as they are read in French."""
-    if _DATE.fullmatch(text):
-        return text
     groups = re.findall(r"\d+", text)
     are_pairs = len(groups) > 2 and all(len(group) == 2 for group in groups)
     spoken = ", ".join(group if are_pairs else " ".join(group) for group in groups)

@@ -453,6 +453,8 @@ def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
         ("de", "z. B. Frau Dr. Weber", "zum Beispiel Frau Doktor Weber"),
         ("fr", "M. Brown", "monsieur Brown"),
         ("en", "Room 2.15, 2026-11-30, 01/02/2026, 1,234.5", "Room 2.15, 2026-11-30, 01/02/2026, 1,234.5"),
+        ("en", "On 01/12/2026 10:30, 01/12 9:15", "On 01/12/2026 10 30 am, 01/12 9 15 am"),
+        ("en", "05/06/2026 - 07/06/2026, 01-42-34-56-78", "05/06/2026 - 07/06/2026, 01, 42, 34, 56, 78"),
         ("it", "alle 18:00", "alle 18:00"),
         ("en", "**6:30** \U0001f600", "6 30 am"),
     ],
