@@ -62,6 +62,7 @@ _CLOCK = re.compile(
 _DATE = r"\d{1,2}[/-]\d{1,2}[/-](?:\d{4}|\d\d)(?![/-]?\d)"
 _PHONE = re.compile(rf"(?<![\w.,:/-])(?!{_DATE})(?:\+[1-9]|0\d)[\d ()/-]{{4,24}}\d(?![\w:]|[.,]\d)")
 _NUMBER = r"\d{1,12}(?:[.,]\d{1,6})?"
+_THOUSANDS = re.compile(r"[1-9]\d{0,2}\.\d{3}")
 _AMOUNT = r"(?:\d{1,3}(?:[.,]\d{3}){1,3}|\d{1,9})"
 _MINUS = re.compile(r"(?<!\S)[-\u2212](?=\d)")
 _RANGE = re.compile(r"(?<=\d)\s?\u2013\s?(?=\d)")
@@ -198,7 +199,8 @@ def _price(text: str, sign: str, names: tuple[str, str], cents: str) -> str:
 def _quantity(number: str, names: tuple[str, str], language: str) -> str:
     if number == "1":
         return names[0]
-    return f"{number if language == 'en' else number.replace('.', ',')} {names[1]}"
+    is_kept = language == "en" or _THOUSANDS.fullmatch(number)
+    return f"{number if is_kept else number.replace('.', ',')} {names[1]}"
 
 
 @cache
