@@ -183,7 +183,7 @@ def _price(text: str, sign: str, names: tuple[str, str], cents: str) -> str:
         whole, part = found["before"] or found["after"], found["part_before"] or found["part_after"] or ""
         if found["scale"] or len(part) == 1:
             return f"{whole}{found['mark'] or found['mark_after'] or ''}{part}{found['scale'] or ''} {names[1]}"
-        amount = names[0] if whole == "1" and not int(part or 0) else f"{whole} {names[1]}"
+        amount = names[0] if whole == "1" else f"{whole} {names[1]}"
         return " ".join(one for one in (amount, *((cents, part.lstrip("0")) if int(part or 0) else ())) if one)
 
     currency = re.escape(sign)
