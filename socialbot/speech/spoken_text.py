@@ -52,10 +52,10 @@ _ADDRESS = re.compile(
     r"(?:https?://|(?=www\.))(?P<link>[\w.-]{1,200}(?:/[\w./-]{0,200})?)(?:[?#][^\s<>]*)?"
     r"|(?<![\w.+-])(?P<mail>[\w.+-]{1,64}@[\w-]{1,63}(?:\.[\w-]{1,63})+)"
 )
-_TIME = r"(?<![\d:.,])(?:[01]?\d|2[0-3]):[0-5]\d(?![\d:])"
+_TIME = r"(?<![\d:.,])(?:(?:[01]?\d|2[0-3]):[0-5]\d|24:00)(?![\d:])"
 _TIMES = re.compile(rf"({_TIME})\s?[-\u2013]\s?(?={_TIME})")
 _CLOCK = re.compile(
-    r"(?P<article>\b(?:son )?las )?(?<![\d:.,])(?P<hour>[01]?\d|2[0-3])"
+    r"(?P<article>\b(?:son )?las )?(?<![\d:.,])(?P<hour>[01]?\d|2[0-3]|24(?=:00))"
     r"(?::(?P<minute>[0-5]\d)|\s?h\s?(?P<after>[0-5]\d)?)(?![\d:\w])(?P<suffix>\s?(?:Uhr|a\.m\.|p\.m\.|am|pm|o'clock)(?!\w))?",
     re.IGNORECASE,
 )
@@ -134,8 +134,8 @@ def _clock(found: re.Match[str], language: str) -> str:
 
 
 def _english(hour: int, minute: int, _: str, suffix: str) -> str:
-    if not suffix and not minute and hour in (0, 12):
-        return "noon" if hour else "midnight"
+    if not suffix and not minute and hour in (0, 12, 24):
+        return "noon" if hour == 12 else "midnight"
     half = suffix or (" pm" if hour >= 12 else " am")
     minutes = f" oh {minute}" if 0 < minute < 10 else f" {minute}" if minute else ""
     return f"{(hour - 1) % 12 + 1}{minutes}{half}"
@@ -154,8 +154,8 @@ def _spanish(hour: int, minute: int, article: str, suffix: str) -> str:
 
 
 def _french(hour: int, minute: int, _: str, __: str) -> str:
-    if not minute and hour in (0, 12):
-        return "midi" if hour else "minuit"
+    if not minute and hour in (0, 12, 24):
+        return "midi" if hour == 12 else "minuit"
     return _hours(hour, minute)
 
 
