@@ -56,7 +56,7 @@ _TIME = r"(?<![\d:.,])(?:(?:[01]?\d|2[0-3]):[0-5]\d|24:00)(?![\d:])"
 _TIMES = re.compile(rf"({_TIME})\s?[-\u2013]\s?(?={_TIME})")
 _CLOCK = re.compile(
     r"(?P<article>\b(?:son )?las )?(?<![\d:.,])(?P<hour>[01]?\d|2[0-3]|24(?=:00))"
-    r"(?::(?P<minute>[0-5]\d)|\s?h\s?(?P<after>[0-5]\d)?)(?![\d:\w])(?P<suffix>\s?(?:Uhr|a\.m\.|p\.m\.|am|pm|o'clock)(?!\w))?",
+    r"(?:(?::|\.(?=[0-5]\d\s?Uhr\b))(?P<minute>[0-5]\d)|(?=\s?Uhr\b)|\s?h\s?(?P<after>[0-5]\d)?)(?![\d:\w])(?P<suffix>\s?(?:Uhr|a\.m\.|p\.m\.|am|pm|o'clock)(?!\w))?",
     re.IGNORECASE,
 )
 _DATE = r"\d{1,2}[/-]\d{1,2}[/-](?:\d{4}|\d\d)(?![/-]?\d)"
@@ -127,7 +127,9 @@ def _address(text: str, words: Mapping[str, str]) -> str:
 
 def _clock(found: re.Match[str], language: str) -> str:
     if found["minute"] is None:
-        return _hours(int(found["hour"]), int(found["after"] or 0)) if language == "fr" else found[0]
+        if language == "fr":
+            return _hours(int(found["hour"]), int(found["after"] or 0))
+        return _german(1, 0, "", "") if language == "de" and found["suffix"] and found["hour"] == "1" else found[0]
     hour, minute = int(found["hour"]), int(found["minute"])
     article, suffix = found["article"] or "", found["suffix"] or ""
     return article * (language != "es") + _SPOKEN_CLOCKS[language](hour, minute, article, suffix)

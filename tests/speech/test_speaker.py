@@ -464,6 +464,7 @@ def test_markup_is_not_read_aloud(text: str, spoken: str) -> None:
         ("de", "bis 24:00 Uhr", "bis 24 Uhr"),
         ("fr", "jusqu'\u00e0 24:00", "jusqu'\u00e0 minuit"),
         ("es", "hasta las 24:00, 24:01", "hasta las 24, 24:01"),
+        ("de", "18.30 Uhr, 1 Uhr 15, 11 Uhr, Raum 18.30", "18 Uhr 30, ein Uhr 15, 11 Uhr, Raum 18.30"),
         ("it", "alle 18:00", "alle 18:00"),
         ("en", "**6:30** \U0001f600", "6 30 am"),
     ],
