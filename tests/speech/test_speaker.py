@@ -502,6 +502,10 @@ def test_an_utterance_sounds_as_it_is_read_and_its_status_has_the_text_as_writte
         "www.",
         "1,1",
         "1,111",
+        "\U0001f600\ufe0f",
+        "a\u2b50",
+        "01/02/03 ",
+        "1.11 Uhr",
     ],
 )
 def test_long_texts_of_markup_take_little_time(part: str) -> None:
