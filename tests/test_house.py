@@ -165,6 +165,7 @@ WITHIN_LIMITS = {
     "bridge/dds_threads.py (task / 'comm').read_bytes": "written by the kernel",
     "bridge/dds_threads.py (task / 'schedstat').read_bytes": "written by the kernel",
     "bridge/dds_threads.py (task / 'status').read_bytes": "written by the kernel",
+    "core/_process_guard.py open": "written by the kernel",
     "core/reading.py open": "holds the limits",
     "core/installation.py distribution(PACKAGE).read_text": "the installed package",
     "runs/pages.py (PAGE / replaced.get(name, name)).read_text": "a file of the page",
