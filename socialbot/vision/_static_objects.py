@@ -336,7 +336,8 @@ class StaticObjectFilter:
             return history
         overlaps = iou(box, np.array([each.box for each in self._lost]).reshape(-1, 4))
         there = [each for each, overlap in zip(self._lost, overlaps, strict=True) if overlap >= _SAME_PLACE]
-        same = [each for each in there if _shows(now.shapes, each) >= _FAMILIAR]
+        same = [each for each in self._lost if each.key == track.key]
+        same = same or [each for each in there if _shows(now.shapes, each) >= _FAMILIAR]
         if same:
             history = max(same, key=lambda each: each.stamp)
             self._lost = [each for each in self._lost if each not in same]

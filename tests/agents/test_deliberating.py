@@ -186,7 +186,7 @@ def test_class_without_an_action_names_the_nearest_class(files):
     (files / "jobs.pddl").write_text(JOBS.text.replace("(:durative-action do ", "(:durative-action tidy-ups "))
     with pytest.raises(PlanningError, match="there is no action tidy_up") as error:
         Hall(NodeConfig("worker", Tidier, {"pddl_file": str(files / "jobs.pddl")}))
-    assert error.value.remedy.startswith("rename the class: did you mean 'tidy_ups'?")
+    assert str(error.value.remedy).startswith("rename the class: did you mean 'tidy_ups'?")
 
 
 def test_agent_loads_its_files_and_fulfils_its_desires(files):

@@ -153,7 +153,7 @@ def test_a_run_contains_the_time_after_its_last_record(tmp_path):
     assert (code, told.startswith("Nothing was decided at 99.00 s; the last decision was at")) == (0, True)
     with pytest.raises(RunError, match=r"does not contain 100.50 s") as caught:
         ask("why", quiet, "--at", "100.5")
-    assert "from 0 to 100.00 s" in caught.value.remedy
+    assert "from 0 to 100.00 s" in str(caught.value.remedy)
 
 
 def test_times_are_seconds_or_minutes_and_seconds():

@@ -111,6 +111,19 @@ def test_person_who_stops_is_kept():
     assert stands[64:] == [set()] * 6, "nobody stands like a stone for so long"
 
 
+def test_object_that_people_hide_again_and_again_is_removed():
+    camera = Camera()
+    seen = [camera.look(coat=(COAT, STAND), walker=(PERSON, at(20 + 10 * step))) for step in range(10)]
+    assert seen == [{"coat", "walker"}] * 10
+    seen = []
+    for _ in range(12):
+        seen += [camera.look(coat=(COAT, STAND)) for _ in range(8)]
+        camera.look(walker=(PERSON, at(310)))
+        camera.look(coat=(COAT, STAND), walker=(PERSON, at(345)))
+    assert seen[:8] == [{"coat"}] * 8
+    assert seen[-48:] == [set()] * 48
+
+
 def test_object_that_was_touched_is_removed_later():
     camera = Camera()
     camera.room = with_a_coat()
