@@ -10,6 +10,7 @@ import functools
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -42,6 +43,10 @@ log = logging.getLogger("socialbot.player")
 TICK_S = 0.02  # period of /clock between messages
 MAX_CATCH_UP = 3.0  # maximum speed of a delayed replay; timers would fire late at a higher one
 ANSWER_TIMEOUT_S = 2.0
+FIRST_ANSWER_TIMEOUT_S = 10.0
+POLL_S = 0.2  # between two looks for a stop
+SLOWER = 4.0  # An answer may take so many times as long as the slowest one before,
+LONGEST_TIMEOUT_S = 60.0  # but no longer than this.
 SOUND_TIMEOUT_S = 15.0
 SHORT_ANSWER_TIMEOUT_S = 0.2  # timeout after three unanswered images in a row
 GRAPH_TIMEOUT_S = 30.0
@@ -69,27 +74,49 @@ class PlaybackOptions:
         return self.await_graph.paced_by if self.paced and self.await_graph is not None else ""
 
 
-class _Answers:
-    """Progress of the graph with the played messages, as a growing number: a stamp, or a count."""
+class Answers:
+    """Progress of the graph with the played messages, as a growing number: a stamp, or a count.
 
-    def __init__(self, timeout_s: float) -> None:
+    The limit of time grows with the slowest answer, also with one that came too late: a slow machine shall not change
+    what the graph does.
+    """
+
+    def __init__(self, timeout_s: float, ending: Ending) -> None:
         self.reached = 0
+        self._ending = ending
         self._changed = threading.Condition()
         self._timeout_s = timeout_s
         self._missed = 0
+        self._asked: deque[tuple[int, float]] = deque(maxlen=100)
+        """Messages without an answer, and when they were played (s)."""
 
     def note(self, reached: int) -> None:
         with self._changed:
             self.reached = max(self.reached, reached)
+            if answered := [each for each in self._asked if each[0] <= reached]:
+                took_s = time.monotonic() - answered[-1][1]  # the graph has skipped those before
+                self._timeout_s = max(self._timeout_s, min(SLOWER * took_s, LONGEST_TIMEOUT_S))
+                self._asked = deque((each for each in self._asked if each[0] > reached), self._asked.maxlen)
+                self._missed = 0
             self._changed.notify()
 
     def wait(self, until: int) -> bool:
-        """Wait until the graph has answered as far as ``until``; return whether it has in time."""
-        timeout_s = self._timeout_s if self._missed < 3 else SHORT_ANSWER_TIMEOUT_S
+        """Wait until the graph has answered as far as ``until``, or for a stop; return whether it has in time."""
         with self._changed:
-            answered = self._changed.wait_for(lambda: self.reached >= until, timeout_s)
-        self._missed = 0 if answered else self._missed + 1
-        return answered
+            asked_s = time.monotonic()
+            if self.reached < until:
+                self._asked.append((until, asked_s))
+            while self.reached < until and not self._ending.asked:
+                if (rest_s := asked_s + self._limit_s() - time.monotonic()) <= 0:
+                    break
+                self._changed.wait(min(rest_s, POLL_S))
+            self._missed = 0 if self.reached >= until else self._missed + 1
+            return self.reached >= until
+
+    def _limit_s(self) -> float:
+        if self._missed >= 3:
+            return SHORT_ANSWER_TIMEOUT_S
+        return self._timeout_s if self.reached or self._missed else max(self._timeout_s, FIRST_ANSWER_TIMEOUT_S)
 
 
 class BagPlayer:
@@ -128,14 +155,14 @@ class BagPlayer:
             if wanted is not message_class(recorded) or (self._transport.sealed and structured):
                 self._encoded.add(topic)
         self._health = self._transport.advertise(ros, HEALTH_TOPIC, Health)
-        self._answers = _Answers(ANSWER_TIMEOUT_S)
+        self._answers = Answers(ANSWER_TIMEOUT_S, ending)
         self._subscriptions: dict[str, Subscription[Any]] = {}
         if topic := playing.paced_by:
             self._subscriptions[topic] = self._transport.subscribe(
                 ros, topic, kinds[topic], lambda answer: self._answers.note(answer.stamp)
             )
         self._sounds = {topic for topic in topics.values() if kinds.get(topic) is AudioData}
-        self._hearing = _Answers(SOUND_TIMEOUT_S)
+        self._hearing = Answers(SOUND_TIMEOUT_S, ending)
         self._sounds_played = 0
         activity = next((topic for topic, kind in kinds.items() if kind is VoiceActivity), "")
         self._awaits_hearing = bool(playing.paced and self._sounds and activity)

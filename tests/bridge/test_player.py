@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from threading import Timer
 
 import pytest
 from rosbags.rosbag2 import Writer
@@ -12,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from socialbot.bags.reader import open_bag
 from socialbot.bags.writer import qos_of
 from socialbot.bridge.environment import spinning_node
-from socialbot.bridge.player import BagPlayer, PlaybackOptions, play_bag
+from socialbot.bridge.player import Answers, BagPlayer, PlaybackOptions, play_bag
 from socialbot.core.errors import BagError
 from socialbot.core.process import Ending
 from tests.bags.making_bags import START, make_mcap
@@ -64,3 +65,23 @@ def test_topics_that_were_latched_are_played_latched(tmp_path: Path) -> None:
         BagPlayer(ros, bag, topics, PlaybackOptions(), ending)
         offered = {topic: ros.get_publishers_info_by_topic(topic)[0].qos_profile.durability.name for topic in topics}
     assert offered == {"/robot_description": "TRANSIENT_LOCAL", "/chatter": "VOLATILE"}
+
+
+def test_a_slow_graph_gets_the_time_that_it_takes() -> None:
+    """Else a replay on a slow machine would go on without its answers, and differ."""
+    answers = Answers(0.01, Ending())
+    for number in (1, 2):
+        Timer(0.3, answers.note, (number,)).start()
+        assert answers.wait(number)
+    late = Answers(0.01, Ending())
+    late.note(1)
+    assert not any(late.wait(number) for number in (2, 3, 4, 5)), "nobody answers"
+    late.note(5)  # now it is known how long it takes
+    Timer(0.1, late.note, (6,)).start()
+    assert late.wait(6)
+
+
+def test_a_stop_ends_the_wait_for_an_answer() -> None:
+    ending = Ending()
+    Timer(0.2, ending.ask).start()
+    assert not Answers(1e6, ending).wait(1)
