@@ -6,7 +6,7 @@ import heapq
 import logging
 import math
 import shutil
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -389,10 +389,9 @@ def convert_bag(
 def _decoded_topics(bag: Bag) -> list[str]:
     """Topics of ``bag`` that are decoded. Raises BagError if there are none, or their images have no topic."""
     topics = [topic for topic in bag.topics if topic.type in DECODED_TYPES and topic.count]
-    names = {topic.name for topic in topics}
-    taken = sorted(
-        {image_topic_of(topic) for topic in topics} & {each.name for each in bag.topics if each.count} - names
-    )
+    kept = [each.name for each in bag.topics if each.count and each not in topics]
+    names = Counter([*kept, *map(image_topic_of, topics)])
+    taken = sorted(name for name, count in names.items() if count > 1)
     if taken:
         what, remedy = f"has messages on {taken[0]} already", "use those images, or leave them out of the bag"
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -61,7 +61,7 @@ def decoded_images(
     for name, time, message in bag.ros_messages(names):
         topic, where = image_topic_of(topics[name]), f"{bag.path}: {name}"
         try:
-            found = _parts(topics[name].type, message, time)
+            found = _packet_or_image(topics[name].type, message, time)
         except AttributeError as error:
             what = f"{topics[name].type} has other fields than the one of its makers ({error})"
             raise BagError(what, where=where, remedy="leave out the topic") from error
@@ -70,7 +70,7 @@ def decoded_images(
             continue
         if name not in decoders:
             decoders[name] = _Decoder(_codec_of(found.encoding, where))
-        for of, pixels in decoders[name].images(found):
+        for of, pixels in decoders[name].images(found.source, found.data):
             yield topic, of.time, _jpeg(pixels, of)
     for name, decoder in decoders.items():
         for of, pixels in decoder.rest():
@@ -84,17 +84,21 @@ def decoded_images(
 
 
 @dataclass(frozen=True)
-class _Packet:
-    """Video packet, with its time of reception (ns)."""
+class _Source:
+    """Source of an image, with the time of reception (ns)."""
 
     time: int
     stamp: int
     frame_id: str
+
+
+class _Packet(NamedTuple):
+    source: _Source
     encoding: str
     data: np.ndarray
 
 
-def _parts(kind: str, message: Any, time: int) -> _Packet | CompressedImage | Image:
+def _packet_or_image(kind: str, message: Any, time: int) -> _Packet | CompressedImage | Image:
     """Packet or image in a ROS message of type ``kind``. Raises AttributeError if it has other fields."""
     head = message.header if kind == FFMPEG_PACKET else message
     at = head.stamp if kind == FFMPEG_PACKET else head.timestamp
@@ -112,7 +116,7 @@ def _parts(kind: str, message: Any, time: int) -> _Packet | CompressedImage | Im
     encoding = message.encoding if kind == FFMPEG_PACKET else message.format
     if kind == FOXGLOVE_IMAGE:
         return CompressedImage(stamp=stamp, frame_id=head.frame_id, format=encoding, data=message.data)
-    return _Packet(time, stamp, head.frame_id, encoding, message.data)
+    return _Packet(_Source(time, stamp, head.frame_id), encoding, message.data)
 
 
 @dataclass
@@ -123,7 +127,7 @@ class _Decoder:
     first_error: str = ""
     packets: int = 0
     _latest: int = 0
-    _pending: dict[int, _Packet] = field(default_factory=dict)
+    _pending: dict[int, _Source] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         try:
@@ -141,18 +145,18 @@ class _Decoder:
         """Number of packets that gave no image."""
         return len(self._pending)
 
-    def images(self, source: _Packet) -> Iterator[tuple[_Packet, np.ndarray]]:
+    def images(self, source: _Source, data: np.ndarray) -> Iterator[tuple[_Source, np.ndarray]]:
         self._pending[self.packets] = source
-        packet = self._packet(source.data.tobytes())
+        packet = self._packet(data.tobytes())
         packet.pts = packet.dts = self.packets
         self.packets += 1
         yield from self._decode(packet)
 
-    def rest(self) -> Iterator[tuple[_Packet, np.ndarray]]:
+    def rest(self) -> Iterator[tuple[_Source, np.ndarray]]:
         """The images that the decoder holds back."""
         yield from self._decode(None)
 
-    def _decode(self, packet: Any) -> Iterator[tuple[_Packet, np.ndarray]]:
+    def _decode(self, packet: Any) -> Iterator[tuple[_Source, np.ndarray]]:
         try:
             with memory_limit(DECODER_BYTES):
                 frames = [(frame.pts, frame.to_ndarray(format="bgr24")) for frame in self._context.decode(packet)]
@@ -175,7 +179,7 @@ def _codec_of(encoding: str, where: str) -> str:
     raise BagError(f"the video encoding {encoding!r} is unknown", where=where, remedy=f"known: {known}")
 
 
-def _jpeg(pixels: np.ndarray, source: _Packet) -> CompressedImage:
+def _jpeg(pixels: np.ndarray, source: _Source) -> CompressedImage:
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 90])
     return CompressedImage(
         stamp=source.stamp, frame_id=source.frame_id, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)

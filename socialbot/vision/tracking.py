@@ -50,8 +50,8 @@ _DOUBT_S = 0.35  # A new track waits this long for its second detection.
 _TRUSTED_HITS = 3
 _AT_ONCE = 0.75  # A new track gets an id at once if its score exceeds the sure one by this share of sure - weak.
 _DRIFT = 0.35  # A prediction is trusted while its standard error is below this share of the width.
-_COVERED, _COVERED_S = 0.7, 0.25  # A person of whom a nearer one covers this share is predicted for so long,
-# if the last score is enough to get an id at once: scores of people who were half hidden before are lower.
+_COVERED, _COVERED_S = 0.7, 0.25  # If a nearer person covers this share of someone, that one is predicted for so long.
+# The last score must be enough to get an id at once: people who were half hidden before have lower ones.
 _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights per second.
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
 _HIDDEN_S = 1.5  # for at most this long.

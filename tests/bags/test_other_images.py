@@ -164,6 +164,12 @@ def test_unknown_encodings_and_bags_without_video_are_refused(tmp_path: Path) ->
         writer.write(IMAGES[FOXGLOVE_VIDEO], image, START)
     with pytest.raises(BagError, match="has messages on /camera/front/compressed already"):
         convert_bag(tmp_path / "again", tmp_path / "new", None, decode=True)
+    with BagWriter(tmp_path / "two") as writer, open_bag(bag) as opened:
+        for topic, time, kind, data in opened.raw_messages({NAMES[FOXGLOVE_VIDEO]: NAMES[FOXGLOVE_VIDEO]}):
+            for name in (topic, f"{topic}/video"):
+                writer.write_raw(name, kind, data, time, definition=DEFINITIONS[kind])
+    with pytest.raises(BagError, match="has messages on /camera/front/compressed already"):
+        convert_bag(tmp_path / "two", tmp_path / "new", None, decode=True)
     with BagWriter(tmp_path / "words") as writer:
         writer.write(SAY, Utterance(stamp=START, id="say", text="hello"), START)
     with pytest.raises(BagError, match="has no images that can be decoded"):
