@@ -56,8 +56,9 @@ _TURNED_PX = 0.8  # The camera moves when the background does.
 _ALONE_S, _ALONE_SCORE = 0.5, 1.0  # Still since the first image, before anybody moved: objects below this score,
 _ALONE_VAGUE_SCORE = 0.8  # or below this one, if the sway of a person of this height would not be visible.
 _STILL_S, _STILL_SCORE = 8.0, 0.9  # Still for so long: objects below this score,
-_CLEARLY_STILL_S = 3.0  # or for so long, if the sway of a person of this height would be visible; for twice as long,
-# objects below the score of those alone.
+_LOW_STILL_S, _LOW_SCORE = 5.0, 0.75  # or for so long, below this one,
+_CLEARLY_STILL_S = 3.0  # or for so long, if the sway of a person of this height would be visible. Objects below the
+# score of those alone must then be still against the oldest image too: in two seconds, people sway by more than in one.
 _SWAY = 0.004  # Standing people sway by at least this share of their height.
 _LIFE_S = 30.0  # if they never moved; after a movement they may be still for longer.
 _AWAKE_S, _ASIDE = 1.5, 0.7  # An object that moves for so long, others being so many widths away, is a person.
@@ -287,7 +288,7 @@ class StaticObjectFilter:
         history.box, history.look = box, now.shapes[_inside(box, now.shapes.shape)]
         free = now.free(track.key)
         before, history.key = history.key, track.key
-        free_then = then.free(track.key if track.key in then.names else before) if then else free
+        free_then = then.free(_own(then, track.key, before)) if then else free
         pixels = motion.of(box, free & free_then) if motion else None
         is_moving = False
         if pixels is not None and motion is not None:
@@ -322,9 +323,12 @@ class StaticObjectFilter:
             likely = history.score >= _STILL_SCORE * self._certain
             if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
                 return False
-            least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S * (1 + likely) if clear else _STILL_S
+            low = history.score < _LOW_SCORE * self._certain
+            least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S if clear else _LOW_STILL_S if low else _STILL_S
             looks_new = familiar is not None and familiar < _STILL_VAGUE
-            is_object = history.still_s >= least_s or (was_object and not is_moving and not looks_new)
+            is_object = was_object and not is_moving and not looks_new
+            if not is_object and history.still_s >= least_s:
+                is_object = not likely or self._is_still_for_long(now, number, before)
         if is_object and not was_object:
             self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))
         return is_object
@@ -348,6 +352,13 @@ class StaticObjectFilter:
         self._histories[track.key] = history
         return history
 
+    def _is_still_for_long(self, now: _Snapshot, number: int, before: int) -> bool:
+        """Whether a box is still against the oldest image, where its track may have had the key ``before``."""
+        key, oldest = now.names[number], self._views[0]
+        motion = _Motion(now, oldest)
+        pixels = motion.of(now.boxes[number], now.free(key) & oldest.free(_own(oldest, key, before)))
+        return pixels is not None and pixels < motion.still
+
     def _earlier(self, stamp_ns: int) -> _Snapshot | None:
         """The image to compare with: the newest that is old enough, or else the oldest."""
         views = [view for view in self._views if stamp_ns - view.stamp >= _LEAST_LAG_S * SECOND]
@@ -362,6 +373,11 @@ class StaticObjectFilter:
             boxes = np.vstack([now.boxes, *(view.boxes for view in self._views)])
             free = ~_covered(now.shapes.shape, boxes, _MARGIN)
             self._background.learn(self._views.popleft().shapes, free)
+
+
+def _own(view: _Snapshot, key: int, before: int) -> int:
+    """Key in ``view`` of a track that may have had another one ``before``."""
+    return key if key in view.names else before
 
 
 def _cells(image: np.ndarray) -> np.ndarray:
