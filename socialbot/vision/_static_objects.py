@@ -330,7 +330,7 @@ class StaticObjectFilter:
             if not is_object and history.still_s >= least_s:
                 is_object = not likely or self._is_still_for_long(now, number, before)
         if is_object and not was_object:
-            self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))
+            self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0) & free)
         return is_object
 
     def _history(self, track: Track, box: np.ndarray, now: _Snapshot) -> _History:

@@ -190,6 +190,15 @@ def test_person_with_a_likely_score_who_leans_slowly_is_kept():
         assert seen == {"leaning", "walker"}
 
 
+def test_person_before_an_object_is_not_learnt_as_background():
+    camera = Camera()
+    seen = []
+    for step in range(80):
+        people: dict[str, Any] = {"waiting": (swaying(step), at(340)), "walker": (PERSON, at(430 + 2 * (step % 60)))}
+        seen.append(camera.look(coat=(COAT, STAND), **people))
+    assert seen[50:] == [{"waiting", "walker"}] * 30
+
+
 @pytest.mark.parametrize(("score", "after_s"), [(0.6, 7.0), (0.55, 4.0)])
 def test_small_object_beside_moving_people_is_removed_later(score, after_s):
     camera = Camera()
