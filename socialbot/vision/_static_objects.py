@@ -323,7 +323,7 @@ class StaticObjectFilter:
             likely = history.score >= _STILL_SCORE * self._certain
             if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
                 return False
-            low = history.score < _LOW_SCORE * self._certain
+            low = math.isfinite(self._certain) and history.score < _LOW_SCORE * self._certain
             least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S if clear else _LOW_STILL_S if low else _STILL_S
             looks_new = familiar is not None and familiar < _STILL_VAGUE
             is_object = was_object and not is_moving and not looks_new

@@ -210,6 +210,15 @@ def test_small_object_beside_moving_people_is_removed_later(score, after_s):
     assert seen[first + 20 :] == [{"walker"}] * (80 - first)
 
 
+def test_small_object_of_a_detector_whose_scores_are_never_certain_is_removed_after_8_s():
+    camera = Camera()
+    camera.filter, camera.score = StaticObjectFilter(math.inf), 3.0
+    small = (320.0, 300.0, 20.0, 60.0)
+    seen = [camera.look(coat=(COAT, small), walker=(PERSON, at(400 + 2 * (step % 40)))) for step in range(100)]
+    assert seen[:70] == [{"coat", "walker"}] * 70
+    assert seen[90:] == [{"walker"}] * 10
+
+
 @pytest.mark.parametrize(("score", "height", "kept"), [(0.7, 60.0, True), (0.7, 240.0, False), (0.55, 60.0, False)])
 def test_person_whose_sway_would_not_be_visible_is_kept_from_the_first_image_on(score, height, kept):
     camera = Camera()
