@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol
 
 from lz4.frame import LZ4FrameDecompressor
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat, Qos
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, Qos
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import reader as ros1_reader
 from rosbags.rosbag2 import Reader as Ros2Reader
@@ -103,18 +103,9 @@ class _BoundedZstd:
             yield _BoundedReader(opened, min(BAG_FILE_BYTES, BAG_RATIO * size + BAG_CHUNK_BYTES))
 
 
-_DEFINITIONS = {
-    "ros1msg": MessageDefinitionFormat.MSG,
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
-
-
 def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
-    """Definition in a schema of an .mcap file; none if it has another language, such as Protobuf."""
-    format = _DEFINITIONS.get(schema.encoding if schema else "", MessageDefinitionFormat.NONE)
-    return MessageDefinition(format, schema.data if schema and format is not MessageDefinitionFormat.NONE else "")
+    """Definition in a schema of an .mcap file."""
+    return _storage_checks.definition(schema.encoding if schema else "", schema.data if schema else "")
 
 
 _qos_of_ros2 = storage_mcap.get_qos

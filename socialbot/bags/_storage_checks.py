@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import heapq
 import struct
+import threading
 from array import array
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator
@@ -23,7 +24,7 @@ from urllib.parse import quote
 
 import apsw
 import numpy as np
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import reader as ros2_reader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -171,12 +172,54 @@ def install() -> None:
             # rosbags writes the path into a URI.
             reader.path = Path(quote(str(path.absolute())))
             check(path)
+
+        thread = threading.get_ident()
+
+        def read_definitions(database: apsw.Connection) -> None:
+            if threading.get_ident() == thread:
+                database.row_trace = _row_of_rosbags
+
+        apsw.connection_hooks.append(read_definitions)
         try:
             open_unchecked(reader)
         finally:
+            apsw.connection_hooks.remove(read_definitions)
             reader.path = path
+        if reader.dbconn is not None:
+            reader.dbconn.row_trace = None
 
     Sqlite3Reader.open = open_checked  # type: ignore[method-assign]
+
+
+_DEFINITION_COLUMNS = ["topic_type", "encoding", "encoded_message_definition", "type_description_hash"]
+_LANGUAGES = {
+    "ros1msg": MessageDefinitionFormat.MSG,
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+_HEADLINE = "=" * 80 + "\nSRV: "
+
+
+def definition(language: str, text: str) -> MessageDefinition:
+    """Definition of a type in a bag; none if it has another language, such as Protobuf.
+
+    rosbag2 of Jazzy writes ``unknown`` for types without a definition, and for services without parts of other types.
+    """
+    known = "ros2msg" if language == "unknown" and text.startswith(_HEADLINE) else language
+    format = _LANGUAGES.get(known, MessageDefinitionFormat.NONE)
+    return MessageDefinition(format, text if format is not MessageDefinitionFormat.NONE else "")
+
+
+def _row_of_rosbags(cursor: apsw.Cursor, row: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Row of a SQLite file. rosbags knows no definition in another language, and none of a service for its event."""
+    if [name for name, *_ in cursor.get_description()] != _DEFINITION_COLUMNS:
+        return row
+    name, language, text, digest = (each if isinstance(each, str) else "" for each in row)
+    found = definition(language, text)
+    is_service = "/srv/" in name and not name.endswith("_Event")
+    language = "ros2idl" if found.format is MessageDefinitionFormat.IDL else "ros2msg"
+    return f"{name}_Event" if is_service else name, language, found.data, digest
 
 
 def check(path: Path) -> None:

@@ -395,7 +395,7 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
         if len(definition.data) > MAX_DEFINITION:
             raise TypesysError(f"the definition has more than {MAX_DEFINITION} characters")
         if definition.format is MessageDefinitionFormat.MSG:
-            types.register(_parsed(definition.data, name))
+            types.register(_parsed(_of_event(definition.data, name), name))
         else:
             for part in filter(None, definition.data.split("=" * 80 + "\n")):
                 types.register(get_types_from_idl(_NO_IDL.sub("", part)))
@@ -409,7 +409,6 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
     # Some writers leave out the definitions of types that ROS has.
     while (missing := _undefined(name, types.fielddefs)) in known.fielddefs and missing != name:
         types.register({missing: known.fielddefs[missing]})
-    # rosbag2 stores no usable definition of the events of services.
     return types if name in types.fielddefs or ros1 else _installed_types(name)
 
 
@@ -434,6 +433,25 @@ def _evaluated_small(expression: Any, *rest: Any) -> Any:
 idl.eval_expression = _evaluated_small
 
 
+_SERVICE = re.compile(
+    r"\A(?:=+\nSRV: [^\n]*\n)?(?P<request>.*?)^---[ \t]*\n(?P<response>.*?)(?P<parts>^=+\n.*)?\Z", re.M | re.S
+)
+
+
+def _of_event(text: str, name: str) -> str:
+    """Definition of the type ``name``: for the event of a service, rosbag2 stores that of the service instead."""
+    found = _SERVICE.match(text) if name.endswith("_Event") else None
+    if found is None:
+        return text
+    package, service = name.split("/")[0], name.rpartition("/")[2].removesuffix("_Event")
+    parts, texts = {"Request": found["request"], "Response": found["response"]}, ["service_msgs/ServiceEventInfo info"]
+    texts += [f"{package}/{service}_{part}[<=1] {part.lower()}" for part in parts]
+    for part, fields in parts.items():
+        has_fields = re.search(r"^\s*[^#\s]", fields, re.MULTILINE)
+        texts += ["=" * 80, f"MSG: {package}/{service}_{part}", fields if has_fields else _NO_FIELDS]
+    return "\n".join([*texts, found["parts"] or ""])
+
+
 def _parsed(text: str, name: str) -> Typesdict:
     package, _, rest = name.partition("/")
     folder, _, short = rest.partition("/")
@@ -451,6 +469,7 @@ def _installed_types(name: str) -> Typestore:
 
 
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
+_NO_FIELDS = "uint8 structure_needs_at_least_one_member"
 _ROS_NAMES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 
 
@@ -479,7 +498,7 @@ def installed_definition(type_name: str) -> str:
             lines.append(f"{_ROS_NAMES.get(item, item)}{suffix} {field}")
             if "/" in item and item not in texts and item not in [known for known, _ in pending]:
                 pending.append((item, _installed_class(*item.split("/"))))
-        texts[short] = "\n".join(lines or ["uint8 structure_needs_at_least_one_member"])
+        texts[short] = "\n".join(lines or [_NO_FIELDS])
     first, *others = texts.items()
     return "\n".join([first[1], *(f"{'=' * 80}\nMSG: {short}\n{text}" for short, text in others)]) + "\n"
 

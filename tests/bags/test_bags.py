@@ -226,6 +226,18 @@ def test_types_without_definition_in_the_bag(tmp_path: Path) -> None:
     check_pictures(path)
 
 
+@pytest.mark.parametrize("encoding", ["unknown", "", "protobuf", None])
+def test_types_whose_definition_is_in_an_unknown_language(tmp_path: Path, encoding: str | None) -> None:
+    """rosbag2 writes ``unknown`` for types whose definition it does not find."""
+    path = make(tmp_path / "bag", storage="sqlite3")
+    with sqlite3.connect(path / "bag.db3") as database:
+        columns = "id INTEGER PRIMARY KEY, topic_type, encoding, encoded_message_definition, type_description_hash"
+        database.execute("ALTER TABLE message_definitions RENAME TO before")
+        database.execute(f"CREATE TABLE message_definitions({columns})")
+        database.execute("INSERT INTO message_definitions SELECT id, topic_type, ?, 'text', '' FROM before", [encoding])
+    check_pictures(path)
+
+
 # Topics
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from std_msgs.msg import Float32
-from std_srvs.srv import SetBool
+from std_srvs.srv import Empty, SetBool
 
 from socialbot.bags.reader import open_bag
 from socialbot.bags.recorded_services import recorded_services
-from socialbot.bags.types import installed_definition
+from socialbot.bags.types import deserialize, installed_definition, type_problem
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError
@@ -23,6 +25,7 @@ from socialbot.graph.services import ActionClient, Client, Service
 from socialbot.runs.record import RunRecord
 from socialbot.runtime.bag_source import BagSource
 from socialbot.runtime.run import run
+from tests.bags.making_bags import make_mcap
 
 EVENT = "std_srvs/srv/SetBool_Event"
 STATUS = "action_msgs/msg/GoalStatusArray"
@@ -76,6 +79,14 @@ def event(kind: int, at: float, number: int, *, request: Any = None, response: A
     made.info.stamp.sec, made.info.stamp.nanosec = divmod(round(at * SECOND), SECOND)
     made.request = [] if request is None else [SetBool.Request(data=request)]
     made.response = [] if response is None else [SetBool.Response(success=True, message=response)]
+    return bytes(serialize_message(made))
+
+
+def empty_event() -> bytes:
+    from rclpy.serialization import serialize_message
+
+    made = Empty.Event()
+    made.info.sequence_number, made.request = 7, [Empty.Request()]
     return bytes(serialize_message(made))
 
 
@@ -136,6 +147,65 @@ def test_definition_comes_from_the_installed_package():
     ]
     assert "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec" in text
     assert installed_definition("nowhere_msgs/msg/Thing") == ""
+
+
+SRV = f"{'=' * 80}\nSRV: lamps/srv/Turn\n"
+PART = f"\n{'=' * 80}\nMSG: lamps/Level\nstring message\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# on or off\nbool data\n---\nbool success # ---\nstring message\n",
+        f"{SRV}bool data\n---\nbool success\nstring message\n",
+        f"{SRV}bool data\n---\nbool success\nLevel level{PART}",
+        f"{SRV}bool data\n---\nbool success\nlamps/Level level{PART}",
+    ],
+)
+def test_event_of_a_service_that_is_not_installed_is_read_by_the_definition_of_the_service(text):
+    """rosbag2 stores that instead of the one of the event, with a headline since Jazzy."""
+    definition = MessageDefinition(MessageDefinitionFormat.MSG, text)
+    extra = ConnectionExtRosbag2("cdr", [])
+    one = Connection(1, "/light/_service_event", "lamps/srv/Turn_Event", definition, "", 1, extra, None)
+    assert type_problem(one) is None
+    asked, answered = deserialize(one, ON[0]), deserialize(one, ON[1])
+    assert (asked.info.sequence_number, [each.data for each in asked.request], list(asked.response)) == (1, [True], [])
+    (answer,) = answered.response
+    assert (answer.success, getattr(answer, "level", answer).message) == (True, "lit")
+
+
+@pytest.mark.parametrize("encoding", ["unknown", "ros2msg"])
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_events_in_a_bag_of_jazzy_are_read(tmp_path, storage, encoding):
+    """rosbag2 of Jazzy names the language only for parts of services, and SQLite files name the service."""
+    text, events = f"{SRV}bool data\n---\nbool success\nstring message\n", [ON[0], ON[1]]
+    kind, topic = "lamps/srv/Turn_Event", "/light/_service_event"
+    if storage == "mcap":
+        path = make_mcap(tmp_path / "bag.mcap", "ros2", [(topic, kind, encoding, text.encode(), "cdr", events)])
+    else:
+        path = tmp_path / "bag"
+        with BagWriter(path, storage=storage) as bag:
+            for at, each in enumerate(events):
+                bag.write_raw(topic, EVENT, each, SECOND + at)
+        with sqlite3.connect(path / "bag.db3") as database:
+            database.execute("UPDATE topics SET type = ?", [kind])
+            database.execute(
+                "UPDATE message_definitions SET topic_type = 'lamps/srv/Turn', encoding = ?, "
+                "encoded_message_definition = ?",
+                [encoding, text],
+            )
+        (path / "metadata.yaml").unlink()
+    with open_bag(path) as bag:
+        found = [message for _, _, message in bag.ros_messages([topic])]
+    assert [[each.data for each in message.request] for message in found] == [[True], []]
+    assert [[each.message for each in message.response] for message in found] == [[], ["lit"]]
+
+
+def test_event_of_a_service_without_request_and_response_is_read_too():
+    definition = MessageDefinition(MessageDefinitionFormat.MSG, f"{SRV}---\n")
+    extra = ConnectionExtRosbag2("cdr", [])
+    one = Connection(1, "/light/_service_event", "lamps/srv/Turn_Event", definition, "", 1, extra, None)
+    assert deserialize(one, empty_event()).info.sequence_number == 7
 
 
 class Traveller(Node):
