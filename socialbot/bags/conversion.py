@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 import cv2
+import msgspec
 import numpy as np
 
 from socialbot.bags import codec
@@ -37,6 +38,9 @@ FRAME_ID = "camera_color_optical_frame"
 
 Frames = Generator[tuple[int, np.ndarray], None, None]
 """Stamp (ns) and image: uint8, shape (height, width, 3), BGR."""
+
+
+Intrinsics = Callable[[int, int], CameraInfo]
 
 
 class FrameSource(Protocol):
@@ -73,6 +77,7 @@ class _ImageFormat:
     hfov_deg: float | None
     jpeg_quality: int
     width: int | None
+    camera_info: Intrinsics | None
 
     def __post_init__(self) -> None:
         _check("hfov_deg", self.hfov_deg, self.hfov_deg is None or 0 < self.hfov_deg < 180)
@@ -80,21 +85,23 @@ class _ImageFormat:
         _check("width", self.width, self.width is None or 2 <= self.width <= 65500)
 
     def image(self, stamp: int, pixels: np.ndarray) -> tuple[CompressedImage, CameraInfo]:
-        """Scale and encode an image; the camera is a pinhole with square pixels and no distortion."""
+        """Scale and encode an image; an unknown camera is a pinhole with square pixels and no distortion."""
         height, width = pixels.shape[:2]
         if self.width is not None and self.width != width:
             method = cv2.INTER_AREA if self.width < width else cv2.INTER_LINEAR
             height, width = max(1, round(height * self.width / width)), self.width
             pixels = cv2.resize(pixels, (width, height), interpolation=method)
         _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
+        kind = "bgr8; jpeg compressed bgr8"
+        compressed = CompressedImage(stamp=stamp, frame_id=FRAME_ID, format=kind, data=data.reshape(-1))
+        if self.camera_info is not None:
+            known = self.camera_info(width, height)
+            return compressed, msgspec.structs.replace(known, stamp=stamp, frame_id=FRAME_ID)
         across, seen = (max(width, height), USUAL_FOV_DEG) if self.hfov_deg is None else (width, self.hfov_deg)
         focal = across / 2 / math.tan(math.radians(seen) / 2)
         k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
-        kind = "bgr8; jpeg compressed bgr8"
-        return (
-            CompressedImage(stamp=stamp, frame_id=FRAME_ID, format=kind, data=data.reshape(-1)),
-            CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5),
-        )
+        info = CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5)
+        return compressed, info
 
 
 def import_bag(
@@ -105,6 +112,7 @@ def import_bag(
     rate_hz: float = 10.0,
     start: int = SECOND,
     hfov_deg: float | None = None,
+    camera_info: Intrinsics | None = None,
     jpeg_quality: int = 90,
     topic: str = TOPIC,
     limit_s: float | None = None,
@@ -124,6 +132,7 @@ def import_bag(
             their own time stamps.
         start: Stamp (ns) of the first image of a folder or video.
         hfov_deg: Horizontal field of view, for the CameraInfo; default: `USUAL_FOV_DEG` along the longer side.
+        camera_info: The CameraInfo of images of a width and height (pixels), in place of ``hfov_deg``.
         jpeg_quality: From 1 to 100.
         topic: The topic of the images.
         limit_s: The maximum duration of the import.
@@ -140,7 +149,7 @@ def import_bag(
     """
     _check("rate_hz", rate_hz, 0 < rate_hz <= 1000)
     _check("limit_s", limit_s, limit_s is None or limit_s > 0)
-    image_format = _ImageFormat(hfov_deg, jpeg_quality, width)
+    image_format = _ImageFormat(hfov_deg, jpeg_quality, width, camera_info)
     until = math.inf if limit_s is None else nanoseconds(limit_s)
     info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
     first = last = next_info = images = 0

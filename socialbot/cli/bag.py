@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from pathlib import Path
@@ -119,6 +120,9 @@ def import_(
     hfov: Annotated[
         float | None, typer.Option(help="Horizontal field of view, degrees; default: 60 along the longer side.")
     ] = None,
+    camera_info: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration of the camera (YAML of camera_calibration).")
+    ] = None,
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
     width: Annotated[int | None, typer.Option(help="Scale images to this width, pixels.")] = None,
     topic: Annotated[str, typer.Option(help="Topic of the images.")] = "/camera/image_raw/compressed",
@@ -127,13 +131,17 @@ def import_(
 ) -> None:
     """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
-    from socialbot.vision.camera import shape_problem
+    from socialbot.vision.camera import read_calibration, scaled_info, shape_problem, size_problem
     from socialbot.vision.camera_node import is_device, open_frames
 
     if is_device(source):
         expect_effect(context, ("image_rate", "start", "sound") if sound else ("image_rate", "start"), "for a camera")
     elif not Path(source).is_dir():
         expect_effect(context, ("image_rate",), "for a video, which has time stamps")
+    calibration = None
+    if camera_info is not None:
+        expect_effect(context, ("hfov",), "with --camera-info")
+        calibration = read_calibration(camera_info)
     with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:
         made = import_bag(
             source,
@@ -142,6 +150,7 @@ def import_(
             rate_hz=image_rate,
             start=round(start * SECOND),
             hfov_deg=hfov,
+            camera_info=functools.partial(scaled_info, calibration) if calibration else None,
             jpeg_quality=quality,
             topic=topic,
             limit_s=duration,
@@ -155,7 +164,10 @@ def import_(
     sound_text += f", {many(made.depths, 'depth image')}" if made.depths else ""
     text = f"{many(made.images, 'image')} of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
     Console().print(text)
-    if hfov is None and (problem := shape_problem(made.width, made.height)):
+    problem = "" if hfov is not None else shape_problem(made.width, made.height)
+    if calibration is not None:
+        problem = size_problem(calibration, made.width, made.height)
+    if problem:
         Console(stderr=True).print_plain(f"warning: {problem}")
 
 

@@ -70,7 +70,8 @@ def foreign_page(page: Any) -> ForeignFile | None:
         )
     if {"image_width", "camera_matrix"} <= page.keys():
         return ForeignFile(
-            "a camera calibration", "give it to the driver of the camera, whose CameraInfo socialbot subscribes to"
+            "a camera calibration",
+            "give it to the driver of the camera, or to the node camera: --set camera.camera_info_url=FILE",
         )
     return None
 

@@ -127,10 +127,13 @@ def _expanded(node: Any, level: int, limit: int, known: dict[int, tuple[int, int
     return size, height
 
 
-def read_page(text: str, *, where: str, error: type[SocialbotError] = GraphError) -> YamlSection:
-    """Parse ``text`` as a mapping; errors name ``where``. Raises ``error`` for any other content."""
+def read_page(text: str, *, where: str, error: type[SocialbotError] = GraphError, foreign: bool = False) -> YamlSection:
+    """Parse ``text`` as a mapping; errors name ``where``. Raises ``error`` for any other content.
+
+    YAML of other programs is refused by its name, unless the reader wants such a file: ``foreign``.
+    """
     file = YamlFile(where, error)
-    return YamlSection(file.parse(text), 1, file)
+    return YamlSection(file.parse(text, foreign=foreign), 1, file)
 
 
 def expect_own(foreign: ForeignFile | None, where: str, error: type[SocialbotError] = GraphError) -> None:
@@ -154,8 +157,8 @@ class YamlFile:
         self.where = where
         self.error = error
 
-    def parse(self, text: str) -> Any:
-        """Parse the content of the file. Raises the error of the file."""
+    def parse(self, text: str, *, foreign: bool = False) -> Any:
+        """Parse the content of the file, which may be ``foreign`` YAML. Raises the error of the file."""
         expect_own(foreign_text(text), self.where, self.error)
         try:
             page = _page(text)
@@ -165,7 +168,8 @@ class YamlFile:
             raise self.error(f"no valid YAML: {error.problem}", where=place, remedy=remedy) from error
         except YAMLError as error:
             raise self.error(f"no valid YAML: {error}", where=self.where) from error
-        expect_own(foreign_page(page), self.where, self.error)
+        if not foreign:
+            expect_own(foreign_page(page), self.where, self.error)
         return page
 
     def fail(self, what: str, line: int, remedy: str | None = None) -> NoReturn:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
+from socialbot.core.paths import read_text
+from socialbot.core.yaml import read_page
 from socialbot.vision.lens import LENS_MODELS, Lens, is_known
 from socialbot.vision.transforms import AXES
 
@@ -307,14 +310,19 @@ def intrinsics_problems(info: CameraInfo | None, width: int, height: int, hfov_r
             "directions and distances are corrected, but people look bent there, and may be missed; "
             "rectified images are better, for example by image_proc with rectified: true"
         )
+    return [*problems, *filter(None, [size_problem(info, width, height)])]
+
+
+def size_problem(info: CameraInfo, width: int, height: int) -> str:
+    """That the intrinsics ``info`` are those of images of another size; empty if they are not."""
     known = CameraModel.from_info(info)
-    if (known.width, known.height) != (width, height):
-        cut = known.is_cut_by(width, height)
-        problems.append(
-            f"camera_info is for {known.width}x{known.height} pixels but images have {width}x{height}: "
-            f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
-        )
-    return problems
+    if (known.width, known.height) == (width, height):
+        return ""
+    cut = known.is_cut_by(width, height)
+    return (
+        f"camera_info is for {known.width}x{known.height} pixels but images have {width}x{height}: "
+        f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
+    )
 
 
 def shape_problem(width: int, height: int) -> str:
@@ -331,6 +339,56 @@ def shape_problem(width: int, height: int) -> str:
 def is_calibrated(info: CameraInfo) -> bool:
     """Whether ``info`` has intrinsics: in ROS, a driver without a calibration leaves ``k`` zeroed."""
     return len(info.k) != 9 or any(info.k)
+
+
+class _Matrix(msgspec.Struct):
+    data: list[float]
+    rows: int = 0
+    cols: int = 0
+
+
+_Pixels = Annotated[int, msgspec.Meta(ge=1, le=65_535, description="a number of pixels")]
+
+
+class _Calibration(msgspec.Struct):
+    image_width: _Pixels
+    image_height: _Pixels
+    camera_matrix: _Matrix
+    distortion_coefficients: _Matrix
+    distortion_model: str = "plumb_bob"
+    camera_name: str = ""
+    rectification_matrix: _Matrix | None = None
+    projection_matrix: _Matrix | None = None
+
+
+def read_calibration(path: Path) -> CameraInfo:
+    """Intrinsics in a YAML file of ROS, as camera_calibration and camera_info_manager write it.
+
+    Raises:
+        ParameterError: The file cannot be read, or is no such calibration.
+    """
+    if path.suffix in (".ini", ".txt"):
+        remedy = "give the file in YAML: camera_calibration writes ost.yaml beside ost.txt"
+        raise ParameterError("a calibration in the INI format is not read", where=str(path), remedy=remedy)
+    page = read_page(read_text(path, ParameterError), where=str(path), error=ParameterError, foreign=True)
+    found = page.read(_Calibration)
+    info = CameraInfo(
+        stamp=0, frame_id="", width=found.image_width, height=found.image_height, k=tuple(found.camera_matrix.data),
+        d=tuple(found.distortion_coefficients.data), distortion_model=found.distortion_model,
+    )  # fmt: skip
+    try:
+        CameraModel.from_info(info)
+    except MessageError as error:
+        remedy = "calibrate the camera again: ros2 run camera_calibration cameracalibrator"
+        raise ParameterError(error.what, where=str(path), remedy=remedy) from error
+    return info
+
+
+def scaled_info(info: CameraInfo, width: int, height: int) -> CameraInfo:
+    """The intrinsics ``info`` for images of ``width`` x ``height`` pixels. Raises MessageError as `from_info` does."""
+    camera = CameraModel.from_info(info).scaled(width, height)
+    k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
+    return msgspec.structs.replace(info, width=width, height=height, k=k, roi=(0, 0, 0, 0))
 
 
 def without_lens(info: CameraInfo) -> CameraInfo:

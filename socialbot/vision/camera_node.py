@@ -9,19 +9,27 @@ from pathlib import Path
 from typing import Protocol
 
 import cv2
+import msgspec
 import numpy as np
 
 from socialbot.bags.image_files import SUFFIXES, check_video, decoder_limit, read_image, too_many_pixels, unread_images
 from socialbot.bags.reader import natural
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
-from socialbot.core.errors import DeviceError, ImageError
+from socialbot.core.errors import DeviceError, ImageError, ParameterError
 from socialbot.core.limits import DECODER_BYTES, IMAGE_PIXELS
 from socialbot.core.memory_limit import memory_limit
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Output, Parameter
-from socialbot.vision.camera import USUAL_HFOV_RAD, CameraModel, shape_problem
+from socialbot.vision.camera import (
+    USUAL_HFOV_RAD,
+    CameraModel,
+    read_calibration,
+    scaled_info,
+    shape_problem,
+    size_problem,
+)
 
 _USUAL_RATE_HZ = 30.0
 _FOLDER_RATE_HZ = 10.0
@@ -167,6 +175,9 @@ class Camera(Node):
     width = Parameter(0, "width of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
     height = Parameter(0, "height of the images, pixels; 0: that of the source", minimum=0, maximum=16384, fixed=True)
     hfov_rad = Parameter(USUAL_HFOV_RAD, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
+    camera_info_url = Parameter(
+        "", "calibration of the camera, a file of camera_calibration in YAML; it replaces hfov_rad", fixed=True
+    )
     frame_id = Parameter("camera_color_optical_frame", "name of the camera's frame", fixed=True)
 
     @classmethod
@@ -182,6 +193,7 @@ class Camera(Node):
         self._timer: Timer | None = None
         self._told = ""
         self._due = 0
+        self._calibration: CameraInfo | None = None
 
     def start(self) -> None:
         """Open the source.
@@ -189,8 +201,12 @@ class Camera(Node):
         Raises:
             DeviceError: The file or folder cannot be read.
             ImageError: Its first image is damaged.
-            ParameterError: It is outside the folders that the user allows.
+            ParameterError: It is outside the folders that the user allows, or the calibration cannot be used.
         """
+        if self.camera_info_url:
+            self._calibration = read_calibration(self._calibration_file())
+            if self.hfov_rad != USUAL_HFOV_RAD:
+                self.log.warning("hfov_rad has no effect: camera_info_url gives the intrinsics")
         if not self.source.isdecimal():
             paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
         self._due = self.clock.now()
@@ -217,6 +233,15 @@ class Camera(Node):
     def on_parameter(self, name: str) -> None:
         if name == "hfov_rad":
             self._publish_info()
+
+    def _calibration_file(self) -> Path:
+        """Path of ``camera_info_url``. Raises ParameterError if it is none, or outside the allowed folders."""
+        where = f"{self.name}.camera_info_url"
+        kind, is_url, path = self.camera_info_url.rpartition("://")
+        if is_url and kind != "file":
+            remedy = "give the path of the file, with or without file://"
+            raise ParameterError(f"no file: {self.camera_info_url!r}", where=where, remedy=remedy)
+        return paths.in_workspace(Path(path).expanduser(), where=where)
 
     def _open(self) -> Frames:
         self._frames = open_frames(self.source, width=self.width, height=self.height)
@@ -311,12 +336,16 @@ class Camera(Node):
         if not self._frames:
             return
         width, height = self._size(*self._frames.size)
-        problem = shape_problem(*self._frames.size)
+        if self._calibration is not None:
+            problem = size_problem(self._calibration, width, height)
+            info = scaled_info(self._calibration, width, height)
+        else:
+            problem = shape_problem(*self._frames.size)
+            model = CameraModel.from_field_of_view(width, height, self.hfov_rad)
+            k = (model.fx, 0.0, model.cx, 0.0, model.fy, model.cy, 0.0, 0.0, 1.0)
+            info = CameraInfo(stamp=0, frame_id="", width=width, height=height, k=k, d=(0.0,) * 5)
         if problem and problem != self._told:
             self.log.warning("%s: %s", self.source, problem)
         self._told = problem
-        model = CameraModel.from_field_of_view(width, height, self.hfov_rad)
-        k = (model.fx, 0.0, model.cx, 0.0, model.fy, model.cy, 0.0, 0.0, 1.0)
-        self.camera_info.publish(
-            CameraInfo(stamp=self.clock.now(), frame_id=self.frame_id, width=width, height=height, k=k, d=(0.0,) * 5)
-        )
+        stamped = {"stamp": self.clock.now(), "frame_id": self.frame_id}
+        self.camera_info.publish(msgspec.structs.replace(info, **stamped))

@@ -20,11 +20,13 @@ from socialbot.bags.reader import BagWriter, RosbagsTypes, open_bag
 from socialbot.bridge.transport import RclpyTypes, message_class
 from socialbot.cli.bag import bag as app
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import BagError
+from socialbot.core.errors import BagError, ParameterError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Utterance
+from tests.bags.making_bags import contents
 from tests.system.running import eventually
 from tests.vision.drawn import add_person, corridor
 from tests.vision.metrics.scenes import TOP
+from tests.vision.test_camera import CALIBRATION
 
 START = 1_700_000_000 * SECOND
 
@@ -108,6 +110,19 @@ def test_import_warns_of_pictures_of_all_directions(
     cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((*size[::-1], 3), np.uint8))
     output = run("import", str(tmp_path / "images"), str(tmp_path / "bag"), *options)
     assert output.count("may be a panorama or pictures side by side") == told
+
+
+def test_import_takes_the_intrinsics_of_a_calibration(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((48, 64, 3), np.uint8))
+    (tmp_path / "ost.yaml").write_text(CALIBRATION)
+    options = ("import", str(tmp_path / "images"), str(tmp_path / "bag"), "--camera-info", str(tmp_path / "ost.yaml"))
+    with pytest.raises(ParameterError, match="without effect with --camera-info"):
+        run(*options, "--hfov", "60")
+    assert "scaled" not in run(*options)
+    (info,) = [message for _, message in contents(tmp_path / "bag", "/camera/camera_info")]
+    assert isinstance(info, CameraInfo)
+    assert (info.width, info.k[0], info.d[:2]) == (64, 60.5, (0.1, -0.25))
 
 
 # Recording

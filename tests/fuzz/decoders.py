@@ -78,7 +78,7 @@ from socialbot.runtime.sweeps import Journal, parse_variation
 from socialbot.speech.audio import read_wav
 from socialbot.speech.neural import read_config, split
 from socialbot.speech.spoken_text import spoken_text
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, read_calibration
 from socialbot.vision.camera_pose import load_pose
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.formats import labelled_sources, sniff
@@ -90,6 +90,7 @@ from tests.fuzz.examples import example, structured
 from tests.fuzz.node_decoders import detections, node_decoders
 from tests.fuzz.run_folders import mutated as with_wrong_values
 from tests.fuzz.run_folders import read_all, recorded_lines, write_run
+from tests.vision.test_camera import CALIBRATION
 
 ROOT = Path(graph_file.__file__).parents[1]
 TYPES = RosbagsTypes()
@@ -318,6 +319,7 @@ def _files() -> Iterator[Decoder]:
     yield Decoder("wav", _file(read_wav, "sound.wav"), (_wav(1), _wav(2)))
     pose = b'{"height_m": 1.2, "pitch_rad": 0.1, "height_std_m": 0.1, "pitch_std_rad": 0.01, "people": 4}'
     yield Decoder("camera-pose", _file(load_pose, "a.camera.json"), (pose,))
+    yield Decoder("calibration", _file(read_calibration, "ost.yaml"), (CALIBRATION.encode(),))
     yield Decoder("project", _file(_read_project, "a.mas2j"), (PROJECT,))
     dialogue = _content("agents/waldo/small_talk.yaml")
     yield Decoder("dialogue", lambda data: load_script("dialogue", text_of(data)), dialogue)

@@ -18,6 +18,8 @@ from socialbot.vision.camera import (
     CameraPose,
     intrinsics_problems,
     lens_error_rad,
+    read_calibration,
+    scaled_info,
     without_lens,
 )
 from socialbot.vision.lens import Lens
@@ -310,3 +312,65 @@ def test_panoramas_and_pictures_side_by_side_are_told(size: tuple[int, int], tol
         problems = intrinsics_problems(unknown, *size, 1.09)
         assert sum("panorama" in problem for problem in problems) == told - 1
         assert len(problems) == told
+
+
+CALIBRATION = """\
+image_width: 64
+image_height: 48
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [  60.5,    0.  ,   31.0,
+            0.  ,   61. ,   25.5,
+            0.  ,    0.  ,    1.  ]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -2.5e-01, 1e-3, 0, 0.000000]
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+projection_matrix: {rows: 3, cols: 4, data: [60, 0, 31, 0, 0, 61, 25, 0, 0, 0, 1, 0]}
+"""
+
+
+def test_calibration_of_ros_is_read(tmp_path):
+    (tmp_path / "ost.yaml").write_text(CALIBRATION)
+    info = read_calibration(tmp_path / "ost.yaml")
+    assert (info.width, info.height, info.distortion_model) == (64, 48, "plumb_bob")
+    assert info.k == (60.5, 0, 31, 0, 61, 25.5, 0, 0, 1)
+    assert info.d == (0.1, -0.25, 0.001, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("ost.txt", "# oST version 5.0 parameters\n[image]\n", "INI format is not read"),
+        ("a.yaml", CALIBRATION.replace("image_width: 64", "image_width: 0"), "a.yaml:1: 'image_width' must be"),
+        ("a.yaml", CALIBRATION.replace("camera_matrix", "camera_matrx"), "unknown key 'camera_matrx'"),
+        ("a.yaml", CALIBRATION.replace("60.5,", ""), "k has 8 numbers, not 9"),
+        ("a.yaml", CALIBRATION.replace("60.5", ".nan"), "a.yaml:7: each of 'data' must be a number, got nan"),
+        ("a.yaml", CALIBRATION.replace("60.5", "wide"), "each of 'data' must be"),
+        (
+            "a.yaml",
+            CALIBRATION.replace("-2.5e-01, 1e-3, 0, 0.000000", "0.2"),
+            "no distortion of the model",
+        ),
+        ("a.yaml", "cam0: {camera_model: pinhole, intrinsics: [1, 1, 1, 1]}\n", "unknown key 'cam0'"),
+        ("missing.yaml", None, "missing.yaml"),
+    ],
+)
+def test_other_calibration_is_refused(tmp_path, name, text, why):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(ParameterError) as caught:
+        read_calibration(tmp_path / name)
+    assert why in str(caught.value)
+
+
+@given(width=st.integers(16, 4000), height=st.integers(16, 4000))
+def test_scaled_intrinsics_are_those_of_the_scaled_camera(width, height):
+    info = CameraInfo(stamp=1, frame_id="c", width=640, height=480, k=(525, 0, 322, 0, 530, 238, 0, 0, 1), d=(0.1,) * 5)
+    scaled = scaled_info(info, width, height)
+    assert CameraModel.from_info(scaled) == CameraModel.from_info(info).scaled(width, height)
+    assert scaled_info(info, 640, 480) == info

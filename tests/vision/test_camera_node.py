@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import DeviceError
+from socialbot.core.errors import DeviceError, ParameterError
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import camera_node as frames
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.camera_node import Camera
+from tests.vision.test_camera import CALIBRATION
 
 
 class Rig:
@@ -129,6 +130,29 @@ def test_intrinsics_are_published_at_the_start(folder):
     rig.node.set_parameter("hfov_rad", 1.0)
     rig.pass_time(0)
     assert CameraModel.from_info(rig.infos[-1]) == CameraModel.from_field_of_view(64, 48, 1.0)
+
+
+@pytest.mark.parametrize("scheme", ["", "file://"])
+@pytest.mark.parametrize("size", [(64, 48), (32, 24)])
+def test_intrinsics_of_a_calibration_are_published_for_the_size_of_the_images(folder, caplog, scheme, size):
+    (folder / "ost.yaml").write_text(CALIBRATION)
+    rig = Rig(folder, camera_info_url=f"{scheme}{folder}/ost.yaml", width=size[0], hfov_rad=1.2, frame_id="eye")
+    (info,) = rig.infos
+    assert (info.frame_id, info.stamp, info.width, info.height) == ("eye", 100 * SECOND, *size)
+    assert info.k[0] == pytest.approx(60.5 * size[0] / 64)
+    assert info.d == (0.1, -0.25, 0.001, 0, 0)
+    assert "hfov_rad has no effect" in caplog.text
+    assert ("its intrinsics are scaled" in caplog.text) == (size != (64, 48))
+
+
+@pytest.mark.parametrize(
+    ("url", "why"),
+    [("package://robot/ost.yaml", "no file: 'package:"), ("none.yaml", "none.yaml"), ("f1.png", "f1.png")],
+)
+def test_calibration_that_cannot_be_read_is_refused(folder, url, why):
+    with pytest.raises(ParameterError) as caught:
+        Rig(folder, camera_info_url=url if ":" in url else str(folder / url))
+    assert why in str(caught.value)
 
 
 @pytest.mark.parametrize(
