@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Generator, Iterator
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import IO, Any, BinaryIO, Protocol
 
 from lz4.frame import LZ4FrameDecompressor
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, Qos
@@ -121,16 +121,14 @@ def _offered_qos(metadata: bytes) -> list[Qos]:
     return found
 
 
-_read_index_of_ros1 = Ros1Reader.read_index_data
+_read_bytes_of_ros1 = ros1_reader.read_bytes
 
 
-def _read_index_data(reader: Any, place: int, indexes: dict[int, list[Any]]) -> None:
-    """Read a part of the index of a .bag file. Raises ValueError if all parts are longer than the file."""
-    begin = reader.bio.tell()
-    _read_index_of_ros1(reader, place, indexes)
-    reader.index_bytes = getattr(reader, "index_bytes", 0) + reader.bio.tell() - begin
-    if reader.index_bytes > reader.path.stat().st_size:
-        raise ValueError("its index names chunks many times")
+def _read_part(file: BinaryIO, size: int) -> bytes:
+    """Read a header, a chunk or a message of a .bag file. Raises ValueError if it is too large."""
+    if size > BAG_CHUNK_BYTES:
+        raise ValueError(f"a chunk, or a part of one, has more than {BAG_CHUNK_BYTES} bytes")
+    return _read_bytes_of_ros1(file, size)
 
 
 def install() -> None:
@@ -140,7 +138,7 @@ def install() -> None:
     storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
     storage_mcap.DECOMPRESSORS["zstd"] = _of_chunk(_zstd_decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = _of_chunk(LZ4FrameDecompressor)
-    Ros1Reader.read_index_data = _read_index_data  # type: ignore[method-assign]
+    ros1_reader.read_bytes = _read_part
     ros1_reader.decompressors["bz2"] = _of_message(bz2.BZ2Decompressor)
     ros1_reader.decompressors["lz4"] = _of_message(LZ4FrameDecompressor)
     ros2_reader.zstd = _BoundedZstd  # type: ignore[attr-defined]
@@ -164,6 +162,45 @@ class _Ros2Reader(Ros2Reader):
             yield connection, time, _BoundedZstd.decompress(data) if packed else data
 
 
+class _Ros1Reader(Ros1Reader):
+    """Reader that decompresses no more than a file may hold: messages of two chunks may alternate in time."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._file, self._size, self._index_bytes, self._chunk_bytes = path, 0, 0, 0
+
+    def open(self) -> None:
+        with reading.open_file(self._file) as file:
+            if not file.read(_FIRST_LINE_BYTES).partition(b"\n")[1]:
+                raise ValueError("the file magic is invalid")
+        self._size = self._file.stat().st_size
+        super().open()
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[Any]]) -> None:
+        assert self.bio
+        begin = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self._index_bytes += self.bio.tell() - begin
+        if self._index_bytes > self._size:
+            raise ValueError("its index names chunks many times")
+
+    def read_chunk(self) -> ros1_reader.Chunk:
+        chunk = super().read_chunk()
+        return chunk._replace(decompressor=lambda data: self._counted(chunk.decompressor(data)))
+
+    def _counted(self, data: bytes) -> bytes:
+        self._chunk_bytes += len(data)
+        if self._chunk_bytes > BAG_RATIO * self._size + BAG_CHUNK_BYTES:
+            raise ValueError(f"its chunks have more than {BAG_RATIO} times the bytes of the file, or alternate in time")
+        return data
+
+    def messages(
+        self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        self._chunk_bytes = 0
+        yield from super().messages(connections, start, stop)
+
+
 Reader = Ros1Reader | Ros2Reader
 
 install()
@@ -176,6 +213,8 @@ _REPAIRS = {
 }
 
 _READ = "the .mcap and .db3 files are read"
+
+_FIRST_LINE_BYTES = 64
 
 _LFS_POINTER = b"version https://git-lfs.github.com/"
 
@@ -263,7 +302,7 @@ def _open(path: Any, damage: list[str]) -> Reader:
         is_folder = isinstance(path, Path) and path.is_dir()
         if is_folder:
             check_depth(decoded(reading.read_bytes(path / "metadata.yaml", TEXT_BYTES)))
-        reader = _Ros2Reader(path) if is_folder or path.suffix != ".bag" else Ros1Reader(path)
+        reader = _Ros2Reader(path) if is_folder or path.suffix != ".bag" else _Ros1Reader(path)
         reader.open()
         # Rosbags does not check the types.
         texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.typesys import Stores, get_typestore
 
+from socialbot.bags import _files
 from socialbot.bags.reader import open_bag
 from socialbot.bags.types import installed_definition
 from socialbot.core.errors import SocialbotError
-from tests.bags.making_bags import make, make_ros1
+from tests.bags.making_bags import RAW, START, make, make_ros1
 
 FOOTER_BYTES = 20 + 8
 LIES = [
@@ -55,6 +60,51 @@ def test_a_chunk_of_ros_1_that_is_named_many_times_is_refused(tmp_path: Path) ->
     with pytest.raises(SocialbotError, match="its index names chunks many times"):
         open_bag(path)
     assert time.process_time() - begun < 5.0
+
+
+def hole(path: Path, begin: bytes) -> Path:
+    """A file of 600 MB that takes no room on the disk."""
+    path.write_bytes(begin)
+    os.truncate(path, 600_000_000)
+    return path
+
+
+@pytest.mark.parametrize("begin", [b"", b"#ROSBAG V2.0"])
+def test_a_first_line_of_ros_1_without_end_is_not_read(tmp_path: Path, begin: bytes) -> None:
+    path = hole(tmp_path / "bag.bag", begin)
+    tracemalloc.start()
+    with pytest.raises(SocialbotError, match="magic is invalid"):
+        open_bag(path)
+    assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    tracemalloc.stop()
+
+
+def test_a_huge_chunk_of_ros_1_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk without compression may be gigabytes of holes."""
+    path = make_ros1(tmp_path / "bag.bag", count=30)
+    monkeypatch.setattr(_files, "BAG_CHUNK_BYTES", 5000)
+    with pytest.raises(SocialbotError, match="has more than 5000 bytes"), open_bag(path) as bag:
+        list(bag.messages({RAW: RAW}))
+
+
+def test_chunks_of_ros_1_that_alternate_in_time_are_not_decompressed_again_and_again(tmp_path: Path) -> None:
+    """Two chunks of 20 MB, of which each is needed 400 times: 16 GB from a file of 60 KB."""
+    path, store = tmp_path / "bag.bag", get_typestore(Stores.ROS1_NOETIC)
+    writer = Ros1Writer(path)
+    writer.chunk_threshold = 1 << 30
+    writer.set_compression(Ros1Writer.CompressionFormat.BZ2)
+    with writer:
+        topics = [writer.add_connection(f"/said_{odd}", "std_msgs/msg/String", typestore=store) for odd in (0, 1)]
+        for odd, topic in enumerate(topics):
+            writer.write(topic, START + odd, b"\xfc\x2c\x31\x01" + bytes(20_000_000))
+            for number in range(1, 400):
+                writer.write(topic, START + 2 * number + odd, b"\x01\0\0\0a")
+            writer.write_chunk(writer.chunks[-1])
+    assert path.stat().st_size < 100_000
+    begun = time.process_time()
+    with open_bag(path) as bag, pytest.raises(SocialbotError, match="alternate in time"):
+        list(bag.ros_messages([topic.topic for topic in topics]))
+    assert time.process_time() - begun < 20.0
 
 
 @pytest.mark.parametrize(
