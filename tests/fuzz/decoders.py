@@ -36,7 +36,6 @@ from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_
 from socialbot.agents.warehouse.scenario import scenario_of
 from socialbot.bags import codec
 from socialbot.bags.image_files import decode_image, open_video
-from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bdi import Engine, Failed, Record
 from socialbot.bdi.agentspeak.loading import load as load_program
@@ -50,7 +49,7 @@ from socialbot.bridge.message_tags import LEAST_BYTES, TagKeys
 from socialbot.bridge.security import Freshness, Opener, Stream
 from socialbot.bridge.topics import parse_message
 from socialbot.core import limits, paths
-from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
 from socialbot.core.messages import (
     BoxMarkers,
@@ -72,6 +71,9 @@ from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.robots.profile import parse_profile
 from socialbot.robots.simulation.people import read_script
 from socialbot.robots.simulation.place import read_place
+from socialbot.runs._server import LONGEST_QUESTION
+from socialbot.runs.asking import answer
+from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.sweeps import BagResult
 from socialbot.runtime.deployment import load_deployment
 from socialbot.runtime.sweeps import Journal, parse_variation
@@ -85,11 +87,12 @@ from socialbot.vision.metrics.formats import labelled_sources, sniff
 from socialbot.vision.metrics.frames import load_labels
 from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
+from tests.fuzz.bag_decoders import bag_decoders, sensor_decoders
 from tests.fuzz.decoder import STAMP, Decoder, StringMessage, text_of
 from tests.fuzz.examples import example, structured
-from tests.fuzz.node_decoders import detections, node_decoders
+from tests.fuzz.node_decoders import node_decoders
+from tests.fuzz.run_folders import QUESTIONS, read_all, recorded_lines, write_run
 from tests.fuzz.run_folders import mutated as with_wrong_values
-from tests.fuzz.run_folders import read_all, recorded_lines, write_run
 from tests.vision.test_camera import CALIBRATION
 
 ROOT = Path(graph_file.__file__).parents[1]
@@ -126,7 +129,8 @@ PROBLEM = b"""(define (problem tidy) (:domain cleaner-domain)
 @functools.cache
 def decoders() -> tuple[Decoder, ...]:
     """All of them."""
-    return tuple(itertools.chain(_messages(), _files(), _minds(), _bags(), _words(), node_decoders()))
+    bags = bag_decoders(tuple(_images()), tuple(_compressed()), scratch())
+    return tuple(itertools.chain(_messages(), sensor_decoders(), _files(), _minds(), bags, _words(), node_decoders()))
 
 
 # Messages
@@ -477,11 +481,21 @@ def _minds() -> Iterator[Decoder]:
     yield Decoder("trace", _file(read_trace), (path.read_bytes(),))
     for name, (lines, _) in recorded_lines().items():
         yield Decoder(f"run-{name}", functools.partial(_read_run, name), (b"\n".join(lines) + b"\n",))
+    yield Decoder("question", _asked, tuple(question.encode() for question in QUESTIONS))
     yield Decoder("run-values", lambda data: _read_run(*with_wrong_values(data)), (b"0",))
 
 
 def _read_run(name: str, trace: bytes) -> None:
     read_all(write_run(scratch() / "run", name, trace))
+
+
+@functools.cache
+def _asked_run() -> RecordedRun:
+    return open_run(write_run(scratch() / "asked", "waldo", b"\n".join(recorded_lines()["waldo"][0]) + b"\n"))
+
+
+def _asked(data: bytes) -> None:
+    msgspec.json.encode(answer(_asked_run(), text_of(data)[:LONGEST_QUESTION]))
 
 
 def _replaced(data: bytes) -> None:
@@ -503,49 +517,6 @@ def _recalled(path: Path) -> None:
 def _remembered(path: Path) -> None:
     config = NodeConfig("coordinator", HospitalCoordinator, {"memory_file": str(path)})
     InlineRunner(Graph("fuzz", (config,), inputs=frozenset(topic for topic, _ in config.subscriptions)))
-
-
-# Bags
-
-
-def _bags() -> Iterator[Decoder]:
-    for storage in ("mcap", "db3"):
-        bag = _bag("mcap" if storage == "mcap" else "sqlite3")
-        [data] = (path.read_bytes() for path in bag.iterdir() if path.suffix == f".{storage}")
-        yield Decoder(f"bag-{storage}", _file(_read_bag, f"bag.{storage}"), (data,))
-        if storage == "mcap":
-            metadata = (bag / "metadata.yaml").read_bytes()
-            yield Decoder("bag-metadata", functools.partial(_read_folder, data), (metadata,))
-
-
-def _bag(storage: str) -> Path:
-    path = scratch() / f"made-{storage}"
-    with BagWriter(path, storage=storage) as bag:
-        for number in range(3):
-            time = STAMP + number * SECOND
-            for topic, message in (
-                ("/image", next(_images())),
-                ("/jpeg", next(_compressed())),
-                ("/say", detections(number)),
-            ):
-                bag.write(topic, msgspec.structs.replace(message, stamp=time), time)
-    return path
-
-
-def _read_bag(path: Path) -> None:
-    with open_bag(path) as bag:
-        bag.check()
-        known = {topic.name: topic.name for topic in bag.topics if topic.type in codec.decodable_types()}
-        for _ in bag.messages(known):
-            pass
-
-
-def _read_folder(data: bytes, metadata: bytes) -> None:
-    folder = scratch() / "bag"
-    folder.mkdir(exist_ok=True)
-    (folder / "made-mcap.mcap").write_bytes(data)
-    (folder / "metadata.yaml").write_bytes(metadata)
-    _read_bag(folder)
 
 
 # Words of parameters, and parameters
