@@ -162,12 +162,19 @@ class _Ros2Reader(Ros2Reader):
             yield connection, time, _BoundedZstd.decompress(data) if packed else data
 
 
+_CHUNKS_BYTES = 1 << 26  # of the decompressed chunks that a reader keeps
+
+
 class _Ros1Reader(Ros1Reader):
-    """Reader that decompresses no more than a file may hold: messages of two chunks may alternate in time."""
+    """Reader that decompresses no more than a file may hold.
+
+    Messages of a merged bag alternate in time between chunks, so the last chunks stay decompressed.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._file, self._size, self._index_bytes, self._chunk_bytes = path, 0, 0, 0
+        self._chunks: dict[int, bytes] = {}
 
     def open(self) -> None:
         with reading.open_file(self._file) as file:
@@ -186,19 +193,27 @@ class _Ros1Reader(Ros1Reader):
 
     def read_chunk(self) -> ros1_reader.Chunk:
         chunk = super().read_chunk()
-        return chunk._replace(decompressor=lambda data: self._counted(chunk.decompressor(data)))
+        return chunk._replace(decompressor=lambda data: self._decompressed(chunk, data))
 
-    def _counted(self, data: bytes) -> bytes:
-        self._chunk_bytes += len(data)
-        if self._chunk_bytes > BAG_RATIO * self._size + BAG_CHUNK_BYTES:
-            raise ValueError(f"its chunks have more than {BAG_RATIO} times the bytes of the file, or alternate in time")
-        return data
+    def _decompressed(self, chunk: ros1_reader.Chunk, data: bytes) -> bytes:
+        found = self._chunks.pop(chunk.datapos, None)
+        if found is None:
+            found = chunk.decompressor(data)
+            self._chunk_bytes += len(found)
+            if self._chunk_bytes > BAG_RATIO * self._size + BAG_CHUNK_BYTES:
+                why = f"its chunks have more than {BAG_RATIO} times the bytes of the file, or alternate in time"
+                raise ValueError(why)
+        while self._chunks and sum(map(len, self._chunks.values())) + len(found) > _CHUNKS_BYTES:
+            del self._chunks[next(iter(self._chunks))]
+        self._chunks[chunk.datapos] = found
+        return found
 
     def messages(
         self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
         self._chunk_bytes = 0
         yield from super().messages(connections, start, stop)
+        self._chunks.clear()
 
 
 Reader = Ros1Reader | Ros2Reader
