@@ -152,7 +152,7 @@ def _curves(evaluation: Evaluation) -> Markup:
 
 
 def _causes(evaluation: Evaluation) -> Markup:
-    return causes_table(evaluation, explained=True).html() or Markup('<p class="note">There are none.</p>')
+    return causes_table(evaluation, explained=True).html() or part("note", "There are none.")
 
 
 def _if_rows(table: Table) -> Markup:

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markupsafe import escape
+from markupsafe import Markup
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.runs.expectations.atoms import ObservedAtom
@@ -20,7 +20,7 @@ from socialbot.runs.expectations.checking import Instance, Verdict
 from socialbot.runs.expectations.formulas import Eventually
 from socialbot.runs.junit import TestCase, write_junit
 from socialbot.runs.narration import rejected_plans
-from socialbot.runs.pages import Cell, Page, Section, folded, table
+from socialbot.runs.pages import Cell, Page, Section, folded, part, table
 from socialbot.runs.why import explain
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ def write_results_page(path: Path, checked: Sequence[Checked], behaviours: str) 
     return page.write(path)
 
 
-def _run_section(checked: Checked, folder: Path) -> str:
+def _run_section(checked: Checked, folder: Path) -> Markup:
     rows: list[Sequence[Cell]] = [
         (
             verdict.name,
@@ -216,18 +216,16 @@ def _run_section(checked: Checked, folder: Path) -> str:
         )
         for verdict in checked.verdicts
     ]
-    parts = [str(table(("expectation", "verdict", "instances", "meaning"), rows))]
+    parts = [table(("expectation", "verdict", "instances", "meaning"), rows)]
     for verdict in checked.verdicts:
-        parts += [f"<p>{escape(verdict.name)}: note: {escape(each)}</p>" for each in notes(checked, verdict)]
+        parts += [part("paragraph", f"{verdict.name}: note: {each}") for each in notes(checked, verdict)]
         for failure in verdict.failures[:MOST_FAILURES]:
             lines = "\n".join(reasons(failure, checked.run)) or "no record shows a reason"
             link = "" if checked.page is None else moment_link(checked.page, failure, folder)
-            moment = f'<p><a href="{escape(link)}">Show this moment in the run</a></p>' if link else ""
             who = f", {failure.text}" if failure.text else ""
-            content = f"<p>{escape(headline(verdict, failure))}</p>{moment}<pre>{escape(lines)}</pre>"
-            parts.append(str(folded(f"{verdict.name} at {failure.at_s:.2f} s{who}", content, opened=True)))
+            content = part("failure", headline(verdict, failure), link, lines)
+            parts.append(folded(f"{verdict.name} at {failure.at_s:.2f} s{who}", content, opened=True))
         if verdict.name in checked.nearest:
-            parts.append(
-                f"<p>{escape(verdict.name)}: nearest change that passes: {escape(checked.nearest[verdict.name])}</p>"
-            )
-    return "".join(parts)
+            nearest = checked.nearest[verdict.name]
+            parts.append(part("paragraph", f"{verdict.name}: nearest change that passes: {nearest}"))
+    return Markup("").join(parts)
