@@ -24,7 +24,7 @@ STEP_S = 0.5
 
 STARVED_LIMITS = 6  # so many time limits are too many also for a process that waits for a processor
 DUMP_S = 1.0  # time for a process to write the stacks of its threads
-END_REQUESTS = {bytes([number]) for number in (signal.SIGINT, signal.SIGTERM)}
+END_REQUESTS = {bytes([number]) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 MAX_BYTES = 64
 
 

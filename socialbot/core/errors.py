@@ -5,7 +5,7 @@ The command line prints such an error as one message and exits with its
 
 | code | meaning |
 |---|---|
-| 0 | finished, or ended by SIGINT or SIGTERM |
+| 0 | finished, or ended by SIGINT, SIGTERM or SIGHUP |
 | 1 | a defect of socialbot (traceback) |
 | 2 | the command line was wrong |
 | 3 | input data cannot be used (bag, image, video, ground truth, record of a run) |

@@ -20,7 +20,12 @@ from types import CodeType, FrameType
 
 log = logging.getLogger("socialbot.process")
 
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+ENDING_SIGNALS = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    *(() if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)),
+)
+"""Signals that end a process: SIGHUP is that of a closed terminal, which `nohup` lets processes ignore."""
 
 
 _exit_requested = False
@@ -148,7 +153,7 @@ def end_within(seconds: float) -> None:
 
 
 class Ending:
-    """Stop request by SIGINT, SIGTERM or the exit of the parent process; also a request that `exit_on_signals` lost."""
+    """Stop request by `ENDING_SIGNALS` or the exit of the parent process, or one that `exit_on_signals` lost."""
 
     def __init__(self, parent: int | None = None) -> None:
         self._asked = _exit_requested
@@ -165,7 +170,7 @@ class Ending:
 
     @contextmanager
     def on_signals(self) -> Iterator[Ending]:
-        """Handle SIGINT and SIGTERM within this context. Python handles them in the main thread only."""
+        """Handle `ENDING_SIGNALS` within this context. Python handles them in the main thread only."""
         in_main = threading.current_thread() is threading.main_thread()
         before = {number: signal.signal(number, self.ask) for number in ENDING_SIGNALS if in_main}
         try:

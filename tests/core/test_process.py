@@ -71,7 +71,7 @@ with Ending().on_signals() as ending:
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_second_signal_during_a_slow_exit_keeps_exit_code_0(number):
     with subprocess.Popen([sys.executable, "-c", SLOW_TO_GO], stdout=subprocess.PIPE, text=True) as process:
         assert next_line(process) == "going\n"
@@ -79,11 +79,17 @@ def test_second_signal_during_a_slow_exit_keeps_exit_code_0(number):
         assert process.wait(180) == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signal_lost_in_a_destructor_ends_the_next_wait(number):
     command = [sys.executable, "-c", SIGNAL_IN_DESTRUCTOR, str(int(number))]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == "asked\n"
+
+
+def test_a_process_of_nohup_outlives_its_terminal():
+    command = ["nohup", sys.executable, "-c", SIGNAL_IN_DESTRUCTOR, str(int(signal.SIGHUP))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, stdin=subprocess.DEVNULL)
+    assert done.stdout == "not asked\n"
 
 
 def test_other_threads_wait_without_signal_handlers():

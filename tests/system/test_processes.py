@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import re
 import signal
 import subprocess
@@ -67,6 +68,32 @@ def test_signals_end_every_process_with_code_0(
         assert process.wait(PATIENCE_S) == 0
     logs = tmp_path / "run" / "log"
     assert not [log for log in logs.glob("*.log") if "Traceback" in log.read_text()]
+
+
+@pytest.mark.parametrize(
+    "hosting", [pytest.param((), marks=pytest.mark.slow), ("--composed",)], ids=["node", "composed"]
+)
+def test_a_closed_terminal_ends_every_process_and_keeps_the_record(
+    pictures: Path, tmp_path: Path, onlooker: Any, hosting: tuple[str, ...]
+) -> None:
+    """As does a lost connection of ssh: the kernel sends SIGHUP, and writing fails."""
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "socialbot", *map(str, live(pictures, tmp_path / "run", *hosting))]
+    login = "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", login, *command], stdin=end, stdout=end, stderr=end, start_new_session=True
+    )
+    os.close(end)
+    try:
+        assert is_connected(onlooker)
+        children = [each.pid for each in psutil.Process(process.pid).children(recursive=True)]
+        os.close(terminal)
+        assert process.wait(PATIENCE_S) == 0
+        assert eventually(lambda: not any(map(is_alive, children)))
+    finally:
+        process.kill()
+        process.wait()
+    assert results(tmp_path / "run")["graph"] == "waldo"
 
 
 def test_a_node_leaves_on_both_signals_and_joins_again(onlooker: Any) -> None:
