@@ -155,10 +155,12 @@ def test_such_domains_would_be_found(tmp_path, code):
     assert not list(fixed_domains(path))
 
 
-READS = re.compile(r"\b(read_text|read_bytes|open|load|fromfile|loadtxt|genfromtxt|imread|VideoCapture)\(")
+READS = re.compile(
+    r"\b(read_text|read_bytes|open|load|fromfile|loadtxt|genfromtxt|imread|VideoCapture|parse|connect)\("
+)
 LIBRARIES = frozenset({
     "json.load", "tomllib.load", "np.load", "np.fromfile", "np.loadtxt", "np.genfromtxt", "cv2.imread",
-    "cv2.VideoCapture", "onnx.load",
+    "cv2.VideoCapture", "onnx.load", "ElementTree.parse", "sqlite3.connect",
 })  # fmt: skip
 OPENING = frozenset({"open", "io.open", "av.open", "wave.open", "Image.open"})
 WITHIN_LIMITS = {
@@ -229,6 +231,7 @@ def test_files_are_read_within_limits():
         "json.load(file)",
         "np.load(path)",
         "cv2.VideoCapture(path)",
+        "ElementTree.parse(path)",
     ],
 )
 def test_other_reads_would_be_found(tmp_path, code):

@@ -29,8 +29,10 @@ from socialbot.bridge.shared_memory import stale_locks
 from socialbot.bridge.transport import message_class, open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 from socialbot.core.installation import installed_version, pip_command
+from socialbot.core.limits import TEXT_BYTES
 from socialbot.core.messages import RosMessage
 from socialbot.core.process import python_command
+from socialbot.core.reading import read_bytes
 from socialbot.graph.node import Graph
 
 State = Literal["ok", "warning", "error"]
@@ -218,7 +220,7 @@ def segment_size(path: Path) -> int | None:
         OSError, ElementTree.ParseError, ValueError: The profile cannot be read.
     """
     sizes: list[int] = []
-    for element in ElementTree.parse(path).iter():
+    for element in ElementTree.fromstring(read_bytes(path, TEXT_BYTES)).iter():
         if _tag(element) == "transport_descriptor":
             values = {_tag(child): (child.text or "").strip() for child in element}
             if values.get("type") == "SHM" and "segment_size" in values:

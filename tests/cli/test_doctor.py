@@ -178,6 +178,10 @@ class TestRosChecks:
         finding = ros_checks.profile({environment.PROFILE_VARIABLE: str(path)})
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
+    def test_a_pipe_is_no_profile(self, tmp_path):
+        os.mkfifo(path := tmp_path / "pipe.xml")
+        assert ros_checks.profile({environment.PROFILE_VARIABLE: str(path)}).state == "error"
+
     def test_own_profile_is_ok(self):
         assert ros_checks.profile({}).state == "ok"
         assert ros_checks.profile({environment.PROFILE_VARIABLE: ""}).state == "ok"
