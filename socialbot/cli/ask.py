@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
@@ -33,7 +34,7 @@ def ask(
     """Ask a run in plain language why it did something, what it saw, who was there, and more."""
     from socialbot.runs.asking import answer
 
-    if not question and run is not None and not run.exists():
+    if not question and run is not None and not os.path.exists(run):
         run, question = None, str(run)
     if not question.strip():
         raise ParameterError("there is no question", remedy="socialbot ask runs/waldo 'Why did you greet me?'")

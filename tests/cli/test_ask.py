@@ -37,6 +37,7 @@ def test_the_newest_run_is_the_default(run, monkeypatch, tmp_path):
     (tmp_path / "runs" / "one").symlink_to(run)
     monkeypatch.chdir(tmp_path)
     assert told("When did you greet somebody?") == "At 0.7 s I greeted person t1.\n"
+    assert told("I was in the room. " * 20 + "When did you greet somebody?")  # no name of a file is that long
 
 
 def test_prints_the_clauses_with_their_records(run):
