@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from html.entities import html5
 from importlib.resources import files
+from typing import Any
 
 _ATTRIBUTE = r"""\s+[\w:-]{1,40}\s?=\s?(?:"[^"<>]{0,300}"|'[^'<>]{0,300}'|[^\s"'<>]{1,300})"""
 _TAG = rf"</?(?P<tag>[A-Za-z][\w:-]{{0,40}})(?:{_ATTRIBUTE}){{0,20}}\s?/?>"
@@ -74,7 +75,8 @@ class _Readings:
 
     words: Mapping[str, str]
     units: Mapping[str, tuple[str, str]]
-    currencies: Mapping[str, tuple[str, str]]
+    currencies: Mapping[str, tuple[str, str, str, str]]
+    """By sign: one, more, one hundredth, more hundredths."""
     short: Mapping[str, str]
 
     def units_in(self) -> re.Pattern[str]:
@@ -180,13 +182,16 @@ def _phone(text: str, plus: str) -> str:
     return f"{plus} {spoken}" if text.startswith("+") else spoken
 
 
-def _price(text: str, sign: str, names: tuple[str, str], cents: str) -> str:
+def _price(text: str, sign: str, names: tuple[str, str, str, str], cents: str) -> str:
     def spoken(found: re.Match[str]) -> str:
         whole, part = found["before"] or found["after"], found["part_before"] or found["part_after"] or ""
         if found["scale"] or len(part) == 1:
             return f"{whole}{found['mark'] or found['mark_after'] or ''}{part}{found['scale'] or ''} {names[1]}"
+        hundredths = int(part or 0)
+        if int(whole[0]) == 0 and hundredths:
+            return names[2] if hundredths == 1 else f"{hundredths} {names[3]}"
         amount = names[0] if whole == "1" else f"{whole} {names[1]}"
-        return " ".join(one for one in (amount, *((cents, part.lstrip("0")) if int(part or 0) else ())) if one)
+        return " ".join(one for one in (amount, *((cents, str(hundredths)) if hundredths else ())) if one)
 
     currency = re.escape(sign)
     return re.sub(
@@ -223,9 +228,8 @@ def _readings(section: Mapping[str, str]) -> _Readings:
     def under(kind: str) -> dict[str, str]:
         return {key.removeprefix(f"{kind} "): value for key, value in section.items() if key.startswith(f"{kind} ")}
 
-    def forms(kind: str) -> dict[str, tuple[str, str]]:
-        pairs = {key: value.split(" | ") for key, value in under(kind).items()}
-        return {key: (one, more) for key, (one, more) in pairs.items()}
+    def forms(kind: str) -> dict[str, Any]:
+        return {key: tuple(value.split(" | ")) for key, value in under(kind).items()}
 
     return _Readings(section, forms("unit"), forms("currency"), under("short"))
 
