@@ -143,6 +143,10 @@ def calibrate(
     ],
     image_topic: Annotated[str | None, typer.Option(help="Image topic, when the bag has several.")] = None,
     hfov_rad: Annotated[float, typer.Option(min=0.1, max=3.0, help="Field of view without a camera_info.")] = 1.09,
+    camera_info: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Calibration without a camera_info (YAML of camera_calibration)."),
+    ] = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="How long to watch a camera or topic.")] = 60.0,
     save: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the pose file.")] = None,
 ) -> None:
@@ -152,7 +156,7 @@ def calibrate(
     its parameter camera_file names. A file NAME.camera.json beside a bag is used by replay and evaluate.
     """
     from socialbot.core.errors import BagError, DeviceError
-    from socialbot.vision.camera import ASSUMED, CameraModel
+    from socialbot.vision.camera import ASSUMED, CameraModel, calibrated_info, read_calibration
     from socialbot.vision.camera_node import is_device
     from socialbot.vision.camera_pose import save_pose
     from socialbot.vision.detectors import DETECTORS, DetectorSettings
@@ -170,16 +174,20 @@ def calibrate(
         views = _topic_views(source, seconds) if live else _bag_views(Path(source), image_topic)
     spec = DETECTORS["nanodet"]
     pipeline = PersonPipeline(spec, spec.make(DetectorSettings()), hide_still=False)
+    if camera_info is not None:
+        expect_effect(context, ("hfov_rad",), "with --camera-info")
+    given = read_calibration(camera_info) if camera_info is not None else None
     frames, calibrated = 0, False
     placed: list[CameraPose] = []
     for view in views:
         height, width = view.image.shape[:2]
-        frames, calibrated = frames + 1, view.info is not None
+        info = calibrated_info(view.info, given)
+        frames, calibrated = frames + 1, info is not None
         known = view.sensors and view.sensors.camera_pose(view.frame_id, view.stamp)
         if known is not None and not known.height_std_m:
             placed.append(known)
         else:
-            camera = CameraModel.of_images(view.info, width, height, hfov_rad=hfov_rad, pose=known or ASSUMED)
+            camera = CameraModel.of_images(info, width, height, hfov_rad=hfov_rad, pose=known or ASSUMED)
             depth = view.sensors.at(view.stamp, view.frame_id, camera) if view.sensors is not None else ()
             pipeline.find(view.image, view.stamp, camera, depth)
     if placed:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import operator
 import threading
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
@@ -102,9 +103,7 @@ def evaluate(
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], tracking=tracking)
     exported = _exports(exports or [])
-    sources = _sources(
-        _labelled(bags or [], images, truth, format, people or [], pipelines[0].values["hfov_rad"]), split, errors
-    )
+    sources = _sources(_labelled(bags or [], images, truth, format, people or [], pipelines[0].values), split, errors)
     if distance_from is not None:
         sources = tuple(with_distances(source, distance_from, pipelines[0]) for source in sources)
     for source in sources:
@@ -175,9 +174,9 @@ def _labelled(
     truth: Path | None,
     format: str | None,
     people: list[str],
-    hfov_rad: float,
+    settings: Mapping[str, Any],
 ) -> list[LabelledSource]:
-    """Open the bags and data sets ``paths``, and the labelled ``images``; ``hfov_rad`` is for unknown cameras."""
+    """Open the bags and data sets ``paths``, and the labelled ``images``; ``settings`` are those of the detector."""
     from socialbot.vision.metrics.formats import labelled_sources
     from socialbot.vision.metrics.frames import bag_source, with_own_names
 
@@ -191,7 +190,8 @@ def _labelled(
         if path.exists() and (format or not _is_bag(path)):
             found = labelled_sources(path, truth if images is None else None, format, people)
         else:
-            found = [bag_source(path, truth if images is None else None, hfov_rad=hfov_rad)]
+            given = {"hfov_rad": settings["hfov_rad"], "calibrated": bool(settings["camera_info_url"])}
+            found = [bag_source(path, truth if images is None else None, **given)]
         sources += [(path, source) for source in found]
     if images is not None:
         sources += [(images, source) for source in labelled_sources(images, truth, format, people)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.core.paths import read_text
+from socialbot.core.paths import in_workspace, read_text
 from socialbot.core.yaml import read_page
 from socialbot.vision.lens import LENS_MODELS, Lens, is_known
 from socialbot.vision.transforms import AXES
@@ -382,6 +382,33 @@ def read_calibration(path: Path) -> CameraInfo:
         remedy = "calibrate the camera again: ros2 run camera_calibration cameracalibrator"
         raise ParameterError(error.what, where=str(path), remedy=remedy) from error
     return info
+
+
+def calibration_file(url: str) -> Path:
+    """Path of a ``camera_info_url``. Raises ParameterError for other URLs than those of files."""
+    kind, is_url, path = url.rpartition("://")
+    if is_url and kind != "file":
+        remedy = "give the path of the file, with or without file://"
+        raise ParameterError(f"no file: {url!r}", where="camera_info_url", remedy=remedy)
+    return Path(path).expanduser()
+
+
+def calibration_at(url: str, *, where: str, rectified: bool = False) -> CameraInfo | None:
+    """Intrinsics at the ``camera_info_url`` of a node; None if it is empty.
+
+    Those of ``rectified`` images have no distortion. Raises ParameterError as `read_calibration` does, and for a file
+    outside the folders that the user allows; ``where`` names the parameter.
+    """
+    if not url:
+        return None
+    info = read_calibration(in_workspace(calibration_file(url), where=where))
+    return without_lens(info) if rectified else info
+
+
+def calibrated_info(info: CameraInfo | None, calibration: CameraInfo | None) -> CameraInfo | None:
+    """The intrinsics of a topic, or those of a file if it has none or is not calibrated."""
+    is_usable = info is not None and is_calibrated(info)
+    return info if is_usable or calibration is None else calibration
 
 
 def scaled_info(info: CameraInfo, width: int, height: int) -> CameraInfo:

@@ -16,7 +16,7 @@ from socialbot.bags.image_files import SUFFIXES, check_video, decoder_limit, rea
 from socialbot.bags.reader import natural
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
-from socialbot.core.errors import DeviceError, ImageError, ParameterError
+from socialbot.core.errors import DeviceError, ImageError
 from socialbot.core.limits import DECODER_BYTES, IMAGE_PIXELS
 from socialbot.core.memory_limit import memory_limit
 from socialbot.core.messages import CameraInfo, Image
@@ -25,7 +25,7 @@ from socialbot.graph.ports import Delivery, Output, Parameter
 from socialbot.vision.camera import (
     USUAL_HFOV_RAD,
     CameraModel,
-    read_calibration,
+    calibration_at,
     scaled_info,
     shape_problem,
     size_problem,
@@ -203,10 +203,9 @@ class Camera(Node):
             ImageError: Its first image is damaged.
             ParameterError: It is outside the folders that the user allows, or the calibration cannot be used.
         """
-        if self.camera_info_url:
-            self._calibration = read_calibration(self._calibration_file())
-            if self.hfov_rad != USUAL_HFOV_RAD:
-                self.log.warning("hfov_rad has no effect: camera_info_url gives the intrinsics")
+        self._calibration = calibration_at(self.camera_info_url, where=f"{self.name}.camera_info_url")
+        if self._calibration is not None and self.hfov_rad != USUAL_HFOV_RAD:
+            self.log.warning("hfov_rad has no effect: camera_info_url gives the intrinsics")
         if not self.source.isdecimal():
             paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
         self._due = self.clock.now()
@@ -233,15 +232,6 @@ class Camera(Node):
     def on_parameter(self, name: str) -> None:
         if name == "hfov_rad":
             self._publish_info()
-
-    def _calibration_file(self) -> Path:
-        """Path of ``camera_info_url``. Raises ParameterError if it is none, or outside the allowed folders."""
-        where = f"{self.name}.camera_info_url"
-        kind, is_url, path = self.camera_info_url.rpartition("://")
-        if is_url and kind != "file":
-            remedy = "give the path of the file, with or without file://"
-            raise ParameterError(f"no file: {self.camera_info_url!r}", where=where, remedy=remedy)
-        return paths.in_workspace(Path(path).expanduser(), where=where)
 
     def _open(self) -> Frames:
         self._frames = open_frames(self.source, width=self.width, height=self.height)

@@ -36,6 +36,9 @@ from socialbot.vision.camera import (
     USUAL_HFOV_RAD,
     CameraModel,
     CameraPose,
+    calibrated_info,
+    calibration_at,
+    calibration_file,
     intrinsics_problems,
     is_calibrated,
     without_lens,
@@ -169,6 +172,10 @@ class PersonDetector(Node):
     hfov_rad = Parameter(
         USUAL_HFOV_RAD, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0
     )
+    camera_info_url = Parameter(
+        "", "calibration of a camera without camera_info, a file of camera_calibration in YAML; replaces hfov_rad",
+        fixed=True,
+    )  # fmt: skip
     depth_tolerance_s = Parameter(
         TOLERANCE_S, "largest difference of the stamps of an image and its depth or points, s", minimum=0.0, maximum=2.0
     )
@@ -207,7 +214,9 @@ class PersonDetector(Node):
             if self._filed_pose is None:
                 self.log.warning("%s does not exist yet: the camera's pose is estimated from people", self._file)
         self._reported, self._reported_at = "", -(2**62)
-        self._info: CameraInfo | None = None
+        where = f"{name}.camera_info_url"
+        self._calibration = calibration_at(self.camera_info_url, where=where, rectified=self.rectified)
+        self._info = self._calibration
         self._sensors = DepthSensors()
         self._time = SteadyStamps()
         self._pipeline = PersonPipeline(
@@ -228,7 +237,8 @@ class PersonDetector(Node):
     @classmethod
     def external_files(cls, parameters: Mapping[str, object]) -> Sequence[Path]:
         named = (str(parameters.get(name) or "") for name in ("model", "camera_file"))
-        return tuple(Path(path).expanduser() for path in named if path)
+        url = str(parameters.get("camera_info_url") or "")
+        return (*(Path(path).expanduser() for path in named if path), *([calibration_file(url)] if url else ()))
 
     def find_spec(self) -> DetectorSpec:
         """The detector to use; override it for a detector of your own."""
@@ -269,8 +279,11 @@ class PersonDetector(Node):
 
     @camera_info
     def on_camera_info(self, info: CameraInfo) -> None:
-        known = msgspec.structs.replace(without_lens(info) if self.rectified else info, stamp=0)
+        given = msgspec.structs.replace(without_lens(info) if self.rectified else info, stamp=0)
+        known = calibrated_info(given, self._calibration) or given
         if known != self._info:
+            if self._calibration is not None:
+                self._warn_once("camera_info_url is not used: a camera_info has arrived")
             model = CameraModel.from_info(known) if is_calibrated(known) else None
             self._tell_intrinsics(known, (0, 0) if model is None else (model.width, model.height))
             self._info, self._camera = known, None

@@ -21,7 +21,7 @@ from socialbot.graph.ports import Delivery
 from socialbot.vision import camera_node
 from socialbot.vision.camera_pose import load_pose
 from tests.system.running import socialbot_here
-from tests.vision.test_camera import camera
+from tests.vision.test_camera import CALIBRATION, camera
 
 DATA = Path(__file__).parents[2] / "data/synthetic"
 IMAGES, INFO = "/camera/image_raw/compressed", "/camera/camera_info"
@@ -100,6 +100,23 @@ def test_live_camera_is_watched_for_some_seconds(monkeypatch: pytest.MonkeyPatch
     assert "height  " in result.output
     assert "a field of view of 1.37 rad is assumed" in result.output
     assert not walk.images, "the camera is released"
+
+
+def test_intrinsics_of_a_calibration_are_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    walk = Walk()
+    monkeypatch.setattr(camera_node, "open_frames", lambda device: walk)
+    monkeypatch.setattr(calibrate_command, "monotonic", lambda: walk.now)
+    app = Typer()
+    app.command()(calibrate_command.calibrate)
+    text = CALIBRATION.replace("image_width: 64", "image_width: 640").replace("image_height: 48", "image_height: 480")
+    text = text.replace("60.5", "390").replace("61.", "390").replace("31.0", "320").replace("25.5", "240")
+    (tmp_path / "ost.yaml").write_text(text)
+    command = ["0", "--seconds", "3", "--camera-info", str(tmp_path / "ost.yaml")]
+    result = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert "height  " in result.output
+    assert "is assumed" not in result.output
+    with pytest.raises(ParameterError, match="without effect with --camera-info"):
+        CliRunner().invoke(app, [*command, "--hfov-rad", "1.2"], catch_exceptions=False)
 
 
 @pytest.mark.ros

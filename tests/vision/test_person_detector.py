@@ -32,11 +32,13 @@ from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, measure
 from socialbot.vision.images import bgr_from_compressed
+from socialbot.vision.lens import Lens
 from socialbot.vision.metrics.truth import load_truth
 from socialbot.vision.motion import cut_off
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.person_detector import PersonDetector
 from tests.vision.drawn import add_person, corridor
+from tests.vision.test_camera import CALIBRATION
 from tests.vision.test_distance import box_of
 
 COLOR, INFO = "/camera/image_color", "/camera/camera_info"
@@ -198,6 +200,36 @@ def test_missing_camera_info_is_logged_once(stub, caplog):
     assert sum("no camera_info" in record.message for record in caplog.records) == 1
     rig.info()
     assert rig.show(BLANK, 3).persons[0].distance_m != person.distance_m
+
+
+def calibrated(folder: Path) -> Path:
+    """A calibration for 1280x960 pixels."""
+    text = CALIBRATION.replace("image_width: 64", "image_width: 1280").replace("image_height: 48", "image_height: 960")
+    file = folder / "ost.yaml"
+    file.write_text(text.replace("60.5", "1050").replace("61.", "1050").replace("31.0", "640").replace("25.5", "480"))
+    return file
+
+
+@pytest.mark.parametrize("rectified", [False, True])
+def test_calibration_counts_until_a_camera_info_arrives(stub, tmp_path, caplog, rectified):
+    file = calibrated(tmp_path)
+    rig = Rig(camera_info_url=f"file://{file}", rectified=rectified)
+    with caplog.at_level(logging.WARNING):
+        person, other = rig.show(BLANK, 1).persons
+        assert "no camera_info" not in caplog.text
+        lens = None if rectified else Lens(False, (0.1, -0.25, 0.001, 0, 0))
+        camera = CameraModel(525, 525, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052), lens=lens)
+        assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
+        assert person.bearing_rad == camera.direction(320, 150)[0]
+        rig.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=(0.0,) * 9), time=0)
+        assert rig.show(BLANK, 2).persons[1].bearing_rad == other.bearing_rad, "drivers without calibration send zeros"
+        rig.info(focal=400.0)
+        assert rig.show(BLANK, 3).persons[1].bearing_rad != other.bearing_rad
+    assert caplog.text.count("camera_info_url is not used: a camera_info has arrived") == 1
+    assert PersonDetector.external_files({"camera_info_url": f"file://{file}", "model": "m.onnx"}) == (
+        Path("m.onnx"),
+        file,
+    )
 
 
 def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stub, caplog):

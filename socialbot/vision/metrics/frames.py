@@ -21,7 +21,7 @@ from socialbot.core.decoding import from_json
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.core.reading import read_bytes
-from socialbot.vision.camera import USUAL_HFOV_RAD, intrinsics_problems, without_lens
+from socialbot.vision.camera import USUAL_HFOV_RAD, intrinsics_problems, is_calibrated, without_lens
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
@@ -329,10 +329,12 @@ def with_own_names(found: Sequence[tuple[Path, LabelledSource]]) -> list[Labelle
     ]
 
 
-def bag_source(path: Path, labels: Path | None = None, *, hfov_rad: float = USUAL_HFOV_RAD) -> LabelledSource:
+def bag_source(
+    path: Path, labels: Path | None = None, *, hfov_rad: float = USUAL_HFOV_RAD, calibrated: bool = False
+) -> LabelledSource:
     """Open a bag with the ground truth file ``labels``, by default the one beside it, or else that in it.
 
-    ``hfov_rad`` is the field of view of a camera without intrinsics, for the notes.
+    ``hfov_rad`` is the field of view of a camera without intrinsics, for the notes, unless it is ``calibrated``.
 
     Raises:
         BagError: The bag cannot be read.
@@ -357,7 +359,8 @@ def bag_source(path: Path, labels: Path | None = None, *, hfov_rad: float = USUA
         for frame in truth.frames
     )
     images = BagImages(str(path), topic)
-    return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=_camera_notes(images, hfov_rad))
+    notes = _camera_notes(images, hfov_rad, calibrated=calibrated)
+    return LabelledSource(name, truth.scene or name, truth.split, images, frames, notes=notes)
 
 
 def _on_the_clock(truth: GroundTruth, stamps: Mapping[int, int]) -> GroundTruth:
@@ -372,7 +375,7 @@ def _on_the_clock(truth: GroundTruth, stamps: Mapping[int, int]) -> GroundTruth:
     return msgspec.structs.replace(truth, frames=tuple(sorted(frames, key=lambda frame: frame.stamp)))
 
 
-def _camera_notes(images: BagImages, hfov_rad: float) -> tuple[str, ...]:
+def _camera_notes(images: BagImages, hfov_rad: float, *, calibrated: bool) -> tuple[str, ...]:
     """What is assumed of the camera of a bag. The CameraInfo comes within its first images."""
     info, width, height = None, 0, 0
     for encoded in itertools.islice(images.read(), _FIRST_IMAGES):
@@ -383,7 +386,8 @@ def _camera_notes(images: BagImages, hfov_rad: float) -> tuple[str, ...]:
             continue
         if info is not None:
             break
-    return tuple(intrinsics_problems(info, width, height, hfov_rad)) if width else ()
+    is_known = not width or (calibrated and (info is None or not is_calibrated(info)))
+    return () if is_known else tuple(intrinsics_problems(info, width, height, hfov_rad))
 
 
 def _truth_of(bag: Bag, labels: Path | None) -> GroundTruth:

@@ -16,7 +16,7 @@ import numpy as np
 from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
 from socialbot.core.messages import CompressedImage, Image, PersonDetection
 from socialbot.graph.node import check_parameters
-from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose
+from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose, calibrated_info, calibration_at
 from socialbot.vision.camera_pose import PoseEstimator, load_pose, pose_beside
 from socialbot.vision.depth import RangeImage, measure_people
 from socialbot.vision.detector import Detections
@@ -118,13 +118,16 @@ class SourceCamera:
         self._stated = self._values["mount_height_m"], self._values["pitch_rad"]
         self._pose = CameraPose.stated(*self._stated, beside)
 
+        url, rectified = self._values["camera_info_url"], self._values["rectified"]
+        self._info = calibration_at(url, where="--set camera_info_url", rectified=rectified)
+
     def at(self, encoded: EncodedImage, width: int, height: int) -> tuple[CameraModel, Sequence[RangeImage]]:
         """The camera, and the depth near the stamp, of an image of ``width`` x ``height`` pixels.
 
         Raises MessageError for invalid intrinsics.
         """
-        hfov_rad = self._values["hfov_rad"]
-        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=self._pose)
+        hfov_rad, info = self._values["hfov_rad"], calibrated_info(encoded.info, self._info)
+        camera = CameraModel.of_images(info, width, height, hfov_rad=hfov_rad, pose=self._pose)
         if encoded.sensors is None or not isinstance(encoded.content, (Image, CompressedImage)):
             return camera, ()
         sensors, frame_id = encoded.sensors, encoded.content.frame_id

@@ -16,9 +16,11 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, TruthError
 from socialbot.core.messages import CameraInfo, Image, Transform, Transforms
 from socialbot.vision.camera import CameraModel, CameraPose
-from socialbot.vision.metrics.frames import bag_source
-from socialbot.vision.metrics.pipeline import PipelineSettings, with_distances
+from socialbot.vision.lens import Lens
+from socialbot.vision.metrics.frames import BagImages, bag_source
+from socialbot.vision.metrics.pipeline import PipelineSettings, SourceCamera, with_distances
 from tests.vision.depth_scenes import CAMERA, Blob, Room, box_of, depth_image, render, with_errors
+from tests.vision.test_camera import CALIBRATION
 
 DEPTH, RGB, INFO = "/camera/depth/image_raw", "/camera/color/image_raw", "/camera/color/camera_info"
 HOG = PipelineSettings("hog")
@@ -143,6 +145,18 @@ def test_assumed_intrinsics_are_told(bag: Path, tmp_path: Path) -> None:
         (note,) = bag_source(tmp_path / name, labels(bag), hfov_rad=1.5).notes
         assert told in note
         assert ("field of view of 1.50 rad" in note) == (name in ("none", "zero"))
+
+
+def test_calibration_gives_the_intrinsics_of_a_bag_without_camera_info(bag: Path, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer, open_bag(bag) as recorded:
+        for topic, message in recorded.messages({RGB: RGB}):
+            writer.write(topic, message, message.stamp)
+    (tmp_path / "ost.yaml").write_text(CALIBRATION)
+    assert bag_source(tmp_path / "bag", labels(bag), calibrated=True).notes == ()
+    changed = PipelineSettings("hog", {"camera_info_url": str(tmp_path / "ost.yaml")})
+    images = BagImages(str(tmp_path / "bag"), RGB)
+    camera, _ = SourceCamera(changed, images).at(next(iter(images.read())), 128, 96)
+    assert (camera.fx, camera.cx, camera.lens) == (121, 62, Lens(False, (0.1, -0.25, 0.001, 0, 0)))
 
 
 def test_command_takes_labels_and_a_depth_topic(bag: Path, tmp_path: Path) -> None:
