@@ -262,6 +262,7 @@ class TestTheBase:
         with robot() as turtlebot, hosted(HomeUsher, home="1.5 -0.5 0.5") as usher:
             self.drive_home(usher)
             assert eventually(lambda: self.believes(usher, 'met("home")'))
+            assert eventually(lambda: any("navigate" in each for each in turtlebot.got))
             (goal,) = [each for each in turtlebot.got if "navigate" in each]
             assert goal["navigate"] == pytest.approx([1.5, -0.5, 0.5])
             assert goal["frame"] == "map"
