@@ -58,10 +58,12 @@ def expect_inside(folder: Path, path: Path) -> Path:
     """Return ``path``, which is to be written in a folder.
 
     Raises:
-        RunError: It is a link that leads out of the folder.
+        RunError: It is a link that leads out of the folder, or a pipe or a device, which may take nothing.
     """
     if not leads_inside(folder, path):
         raise RunError("is a link that leads out of its folder", where=str(path), remedy="remove the link")
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise RunError("is a device or a pipe, not a file", where=str(path), remedy="remove it")
     return path
 
 
@@ -69,12 +71,12 @@ def expect_all_inside(folder: Path) -> None:
     """Check a folder whose files are to be written.
 
     Raises:
-        RunError: It is a link that leads out of its own folder, or holds a link that leads there.
+        RunError: It is a link that leads out of its own folder, or holds a link that leads there, a pipe or a device.
     """
     expect_inside(folder.parent, folder)
     for parent, folders, files in os.walk(folder):
         for name in (*folders, *files):
-            if os.path.islink(path := Path(parent, name)):
+            if not os.path.isfile(path := Path(parent, name)) or os.path.islink(path):
                 expect_inside(folder.parent, path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -97,6 +98,14 @@ def test_report_begins_with_how_the_run_ended(folder, tmp_path, ended, verdict, 
     html = report_html(open_run(changed(folder, tmp_path / "run", ended=ended)))
     assert f'class="mark {"live" if ended == "well" else "bad"}">{verdict}</span>' in html
     assert re.findall(r'<p class="warning">(.*?)</p>', html) == ([warning] if warning else [])
+
+
+def test_report_is_not_written_to_a_pipe(tmp_path):
+    """Nobody reads from it, so writing would not end."""
+    run = greeting(tmp_path / "run")
+    os.mkfifo(run / "report.html")
+    with pytest.raises(RunError, match="is a device or a pipe"):
+        write_report(run)
 
 
 def test_report_is_not_written_through_a_link_out_of_the_folder(tmp_path):
