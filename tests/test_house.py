@@ -155,6 +155,17 @@ def test_such_domains_would_be_found(tmp_path, code):
     assert not list(fixed_domains(path))
 
 
+LIVE_READ = re.compile(r"\bstd(out|err)\.read(line|lines)?\(")
+
+
+def test_no_test_reads_from_a_live_process():
+    """It may write nothing and never end: `tests.system.running.next_line` waits for a limited time."""
+    root = Path(__file__).parents[1]
+    paths = [*(root / "tests").rglob("*.py"), *(root / "evaluation" / "tests").rglob("*.py")]
+    found = {path.name for path in paths if LIVE_READ.search(path.read_text("utf-8"))}
+    assert found == set()
+
+
 READS = re.compile(
     r"\b(read_text|read_bytes|open|load|fromfile|loadtxt|genfromtxt|imread|VideoCapture|parse|connect)\("
 )

@@ -35,7 +35,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import NodeError, ParameterError
 from socialbot.core.messages import PersonDetections, SpeechStatus
 from socialbot.runs.record import RunRecord
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 
 
 def meets(report, plan):
@@ -117,13 +117,12 @@ def test_the_library_changes_only_clocks_that_can_be_set(tmp_path: Path) -> None
         [sys.executable, "-uc", ASK], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=variables
     ) as other:
         assert other.stdin is not None
-        assert other.stdout is not None
         told = []
         for ahead_s in (0, -3600, 86400, 0):
             set_clock(clock, ahead_s)
             other.stdin.write("\n")
             other.stdin.flush()
-            told.append([int(word) for word in other.stdout.readline().split()])
+            told.append([int(word) for word in next_line(other).split()])
         other.stdin.close()
     begun = told[0]
     for ahead_s, (precise, coarse, steady) in zip((0, -3600, 86400, 0), told, strict=True):

@@ -24,6 +24,7 @@ from evaluation.hosts import (
     switched_hosts,
 )
 from evaluation.switch import Quality
+from tests.system.running import next_line
 
 pytestmark = pytest.mark.slow
 
@@ -68,8 +69,7 @@ print(json.dumps(came))
 @contextmanager
 def echo(host: Host) -> Iterator[None]:
     process = host.start(sys.executable, "-c", ECHO, stdout=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stdout.readline()
+    assert next_line(process)
     try:
         yield
     finally:

@@ -30,7 +30,7 @@ from socialbot.bridge.shared_memory import (
     remove_stale,
     stale_locks,
 )  # fmt: skip
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 
 DEAD, ALIVE, YOUNG = "0123456789abcdef", "fedcba9876543210", "00000000deadbeef"
 
@@ -140,9 +140,8 @@ def reader(port: Path) -> Iterator[subprocess.Popen[str]]:
 
 def open_port(reader: subprocess.Popen[str]) -> None:
     assert reader.stdin
-    assert reader.stdout
     print("open", file=reader.stdin, flush=True)
-    assert reader.stdout.readline() == "mapped\n"
+    assert next_line(reader) == "mapped\n"
 
 
 class Checks:

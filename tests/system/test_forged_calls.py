@@ -13,7 +13,7 @@ import pytest
 
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, PROFILE, PROFILE_VARIABLE
 from socialbot.bridge.keys import new_key
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 from tests.system.two_hosts import CLOSED, ROBOT, WORKSTATION, open_to, script, two_hosts
 
 SERVER = """
@@ -146,8 +146,7 @@ def test_calls_of_drivers_cannot_be_forged_from_another_machine(
         attacker = hosts.workstation.start(*attack, variables=root, stdout=subprocess.PIPE)
         scripts.callback(attacker.communicate)
         scripts.callback(attacker.kill)
-        assert attacker.stdout is not None
-        assert attacker.stdout.readline() == b"sent\n"
+        assert next_line(attacker) == "sent\n"
 
         def forged() -> set[str]:
             answers, requests = called.read_text(), served.read_text()

@@ -14,7 +14,7 @@ import pytest
 
 from socialbot.bridge.environment import KEYS_VARIABLE, PROFILE_VARIABLE
 from socialbot.bridge.keys import new_key
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 from tests.system.two_hosts import ROBOT, WORKSTATION, open_to, script, two_hosts
 
 SEND = """
@@ -116,14 +116,13 @@ def test_recorded_packets_have_no_effect(with_keys: bool, tmp_path: Path) -> Non
         )
         scripts.callback(stranger.communicate)
         assert stranger.stdin is not None
-        assert stranger.stdout is not None
-        stdin, stdout = stranger.stdin, stranger.stdout
-        assert stdout.readline() == b"ready\n"
+        stdin = stranger.stdin
+        assert next_line(stranger) == "ready\n"
 
         def send(what: str) -> int:
             stdin.write(f"{what}\n".encode())
             stdin.flush()
-            return int(stdout.readline())
+            return int(next_line(stranger))
 
         def send_later() -> None:
             """Send later packets until they all have an effect; with keys until they are all refused."""

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from tests.system.running import next_line
 from tests.system.two_hosts import WORKSTATION, two_hosts
 
 pytestmark = pytest.mark.ros
@@ -46,8 +47,7 @@ def test_linux_drops_frames_to_the_loopback_address_unless_route_localnet_is_set
         def arrives() -> str:
             """The source of a frame that arrives."""
             receiver = robot.start(sys.executable, "-c", RECEIVE, stdout=subprocess.PIPE, text=True)
-            assert receiver.stdout is not None
-            assert receiver.stdout.readline() == "ready\n"
+            assert next_line(receiver) == "ready\n"
             hosts.workstation.run(sys.executable, "-c", SEND, hosts.workstation.device, address, WORKSTATION)
             return receiver.communicate(timeout=60)[0].strip()
 

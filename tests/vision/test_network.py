@@ -18,7 +18,7 @@ from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.inference import check_external_data
 from socialbot.vision.detectors import FILE, SHA256
 from socialbot.vision.network import OnnxModel, included_model
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 from tests.vision.networks import (
     echo_network,
     endless_network,
@@ -174,13 +174,12 @@ except ParameterError:
 def test_the_time_in_which_a_process_stands_still_does_not_count():
     """Otherwise a detector whose process is stopped for a minute would never look again."""
     with subprocess.Popen([sys.executable, "-c", RUN], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "runs\n"
+        assert next_line(process) == "runs\n"
         time.sleep(0.5)  # into the run
         process.send_signal(signal.SIGSTOP)
         time.sleep(2.0)
         process.send_signal(signal.SIGCONT)
-        assert float(process.stdout.readline()) >= 1.0
+        assert float(next_line(process)) >= 1.0
 
 
 def test_channels_may_come_last_and_numbers_may_be_small():

@@ -10,6 +10,7 @@ import pytest
 from socialbot.core.errors import NodeError, TruthError
 from socialbot.vision.metrics.pipeline import Found, FoundFrame
 from socialbot.vision.metrics.workers import run_in_processes
+from tests.system.running import next_line
 from tests.vision.metrics.calls import crash, double, give_back, wait
 from tests.vision.metrics.scenes import found
 
@@ -59,8 +60,7 @@ from socialbot.vision.metrics.workers import run_in_processes
 run_in_processes(time.sleep, [(600.0,), (600.0,)], 2, initializer=os.write, initargs=(1, b"begun\\n"))
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
-        assert [parent.stdout.readline() for _ in range(2)] == ["begun\n", "begun\n"]
+        assert [next_line(parent) for _ in range(2)] == ["begun\n", "begun\n"]
         workers = psutil.Process(parent.pid).children()
         assert len(workers) >= 2
         parent.kill()
