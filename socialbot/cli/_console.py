@@ -76,6 +76,11 @@ class Console(rich.console.Console):
         if not self.is_terminal and not asked:
             self.width = WIDE
 
+    def print_address(self, server: str, url: str) -> None:
+        """Print the URL of a server. Only a terminal gets its token: files and journals are kept."""
+        shown = url if self.is_terminal else url.partition("?")[0]
+        self.print(f"{server}: [bold]{shown}[/]{'' if shown == url else ' (and the token)'}", soft_wrap=True)
+
     def print_plain(self, text: str, style: str | None = None) -> None:
         """Print plain text without folding its lines."""
         self.print(text, style=style, soft_wrap=True, markup=False)

@@ -46,7 +46,7 @@ def foxglove(
         bag = stack.enter_context(images_of(recorded))
         server, url = stack.enter_context(foxglove_server(recorded.title, recorded.graph, address))
         console.print(f"{recorded.title}: Ctrl-C ends it{'' if bag is not None else '; without images'}", markup=False)
-        console.print(f"Foxglove: open connection, WebSocket, [bold]{url}[/]")
+        console.print_address("Foxglove: open connection, WebSocket", url)
         stopped = threading.Event()
         player = threading.Thread(
             target=lambda: play_to_foxglove(server, recorded, bag, rate, stopped, loop=loop), name="player", daemon=True
@@ -73,5 +73,5 @@ def shown_in_foxglove(record: RunTrace, graph: Graph, console: Console, address:
         images, _ = stack.enter_context(client_node(graph))
         server, url = stack.enter_context(foxglove_server(graph.name, graph, address, set_parameter))
         record.add_listener(stack.enter_context(LiveFeed(server, graph, images)))
-        console.print(f"Foxglove: open connection, WebSocket, [bold]{url}[/]")
+        console.print_address("Foxglove: open connection, WebSocket", url)
         yield

@@ -162,7 +162,7 @@ def watched(
 def announce(console: Console, served: Serving, what: str) -> None:
     """Print the address of the page."""
     console.print_plain(f"{what}: Ctrl-C ends it")
-    console.print(f"Inspector: [bold]{served.url}[/]", soft_wrap=True)
+    console.print_address("Inspector", served.url)
 
 
 @contextmanager

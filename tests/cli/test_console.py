@@ -181,3 +181,13 @@ def test_an_output_on_a_full_disk_is_one_message(command: str) -> None:
         "  remedy: free some space, or write to another place\n"
     )
     assert ended.returncode == 4
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_only_a_terminal_gets_the_token_of_an_address(terminal: bool) -> None:
+    """The output of a service is kept in a journal, which others may read."""
+    output = io.StringIO()
+    console = Console(file=output, force_terminal=terminal)
+    console.print_address("Inspector", "http://127.0.0.1:8765/?token=secret-token")
+    assert ("secret-token" in output.getvalue()) == terminal
+    assert "http://127.0.0.1:8765/" in output.getvalue()
