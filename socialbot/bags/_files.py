@@ -21,7 +21,10 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import reader as ros1_reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.rosbag2 import reader as ros2_reader
-from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import storage_mcap, storage_sqlite3
+from rosbags.rosbag2.metadata import parse_qos
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from socialbot.bags import _storage_checks
 from socialbot.bags.repair import salvage, with_profile_of_ros2
@@ -30,7 +33,7 @@ from socialbot.core import reading
 from socialbot.core.errors import BagError
 from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_FILE_BYTES, BAG_RATIO, TEXT_BYTES
 from socialbot.core.paths import decoded
-from socialbot.core.yaml import check_depth
+from socialbot.core.yaml import check_depth, load_yaml
 
 _zstd: Any = vars(storage_mcap)["zstd"]
 
@@ -108,6 +111,31 @@ def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
     return _storage_checks.definition(schema.encoding if schema else "", schema.data if schema else "")
 
 
+_parse_qos: Callable[[Any], list[Qos]] = parse_qos
+_NEVER = {"sec": 0, "nsec": 0}
+_NO_QOS = {
+    "depth": 0,
+    **dict.fromkeys(("deadline", "lifespan", "liveliness_lease_duration"), _NEVER),
+    "avoid_ros_namespace_conventions": False,
+}
+
+
+def _qos(profiles: Any) -> list[Qos]:
+    """QoS profiles of a topic, as far as they can be read. Programs other than rosbag2 leave out keys."""
+    try:
+        items = load_yaml(YAML(typ="safe"), profiles) if isinstance(profiles, str) else profiles
+    except YAMLError:
+        items = None
+    found: list[Qos] = []
+    for item in items if isinstance(items, list) else ():
+        durability = item.get("durability") if isinstance(item, dict) else None
+        for given in (item, {"durability": durability}):
+            with contextlib.suppress(AttributeError, KeyError, TypeError, ValueError):
+                found += _parse_qos([{**_NO_QOS, **given}])
+                break
+    return found
+
+
 _qos_of_ros2 = storage_mcap.get_qos
 
 
@@ -135,6 +163,8 @@ def install() -> None:
     """Make the readers of rosbags use bounded decompressors, and accept .mcap files with topics in other encodings."""
     storage_mcap.get_msgdef = _definition
     storage_mcap.get_qos = _offered_qos
+    for module in (storage_mcap, storage_sqlite3, ros2_reader):
+        module.parse_qos = _qos  # type: ignore[attr-defined]
     storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
     storage_mcap.DECOMPRESSORS["zstd"] = _of_chunk(_zstd_decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = _of_chunk(LZ4FrameDecompressor)

@@ -26,11 +26,13 @@ from tests.bags.making_bags import (
     check_pictures,
     contents,
     make,
+    make_mcap,
     make_ros1,
     make_with_rosbags,
     picture,
     times,
 )
+from tests.bags.test_bags import channel
 from tests.vision.metrics.scenes import drawn_bag
 
 
@@ -269,6 +271,42 @@ def test_messages_are_read_if_the_metadata_describes_their_topic_differently(
         assert bag.topics == before
         assert bag.is_latched(RAW) is (difference == "qos")
     check_pictures(path)
+
+
+@pytest.mark.parametrize(
+    ("profiles", "latched"),
+    [
+        ("- {history: 1, depth: 1, reliability: 1, durability: 1}", True),
+        ("- {durability: transient_local, deadline: {sec: 0}, depth: many, liveliness: 1.5}", True),
+        ("- {durability: 2}\n- {durability: 1}", True),
+        ("- {durability: [1]}", False),
+        ("latching: true", False),
+        ("- 5", False),
+        ("5", False),
+        ("garbage: [", False),
+        ("null", False),
+    ],
+)
+@pytest.mark.parametrize("where", ["file.mcap", "file.db3", "metadata.yaml"])
+def test_a_topic_with_a_part_of_a_qos_profile_is_read(tmp_path: Path, where: str, profiles: str, latched: bool) -> None:
+    """Programs other than rosbag2 write only some keys of a profile."""
+    path = make(tmp_path / "bag", storage="sqlite3")
+    if where == "file.mcap":
+        path = make_mcap(tmp_path / "bag.mcap", "ros2", [channel("cdr")], {"offered_qos_profiles": profiles})
+    elif where == "file.db3":
+        with sqlite3.connect(path / "bag.db3") as database:
+            database.execute("UPDATE topics SET offered_qos_profiles = ?", [profiles])
+        (path / "metadata.yaml").unlink()
+    else:
+        yaml, file = YAML(), path / "metadata.yaml"
+        metadata = yaml.load(file)
+        for topic in metadata["rosbag2_bagfile_information"]["topics_with_message_count"]:
+            topic["topic_metadata"]["offered_qos_profiles"] = profiles
+        yaml.dump(metadata, file)
+    check_pictures(path, 3 if where == "file.mcap" else 10)
+    with open_bag(path) as bag:
+        assert bag.is_latched(RAW) is latched
+        assert where != "metadata.yaml" or not bag.damage
 
 
 @pytest.mark.parametrize("storage", StoragePlugin)
