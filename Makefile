@@ -15,7 +15,8 @@
 # make hear   installs speech recognition with a model of 133 MB; make test hears with it then
 # make docs   the site, in site/
 # make dist   wheel, source archive and the versions to install them with, in dist/
-# make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
+# make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them,
+#             SECONDS=3600 PART=1/10 to PART=10/10 for a tenth of them in a night
 # All set up .venv first, from the pinned and hashed requirements.lock; what tests and checks need besides stands in
 # requirements-dev.lock, and comes with the first of them.
 
@@ -95,7 +96,7 @@ test-pages: tools
 
 fuzz: tools
 	$(INSTALL) --no-build-isolation -e '.[fuzz]'
-	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
+	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list $(PART))); do \
 	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
 
 interfaces: setup
