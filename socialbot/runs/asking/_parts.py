@@ -216,7 +216,7 @@ def known_words(subjects: Subjects, language: Language) -> Set[str]:
 
 def prepared(words: Sequence[str], names: Set[str], subjects: Subjects, language: Language) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them, but for ``names``."""
-    known = known_words(subjects, language) | NUMBER_WORDS
+    known = frozenset(known_words(subjects, language) | NUMBER_WORDS)
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries

@@ -203,6 +203,11 @@ _SHORTEST = 4
 _LEAST = 3
 
 
+@lru_cache(maxsize=32)
+def _stems(words: frozenset[str]) -> frozenset[str]:
+    return frozenset(map(stem, words))
+
+
 def corrected(word: str, known: Set[str], names: Set[str], asking: Set[str] = frozenset()) -> str:
     """Return a mistyped word as it is written, or the word itself if it is known or resembles no word alone.
 
@@ -219,7 +224,7 @@ def corrected(word: str, known: Set[str], names: Set[str], asking: Set[str] = fr
         return min(swapped)
     alike = [each for each in known if each[0] == word[0] and abs(len(each) - len(word)) <= 1 and _is_near(word, each)]
     for difference, shortest in ((1, _SHORTEST), (0, _SHORT), (-1, _SHORT)):  # missing, wrong, too many
-        if difference < 0 and any(stem(word) == stem(each) for each in known):
+        if difference < 0 and stem(word) in _stems(frozenset(known)):
             return word
         near = [each for each in alike if len(each) - len(word) == difference]
         if near and len(word) >= shortest:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+import time
+
 import pytest
 
 from socialbot.runs.asking import answer
@@ -119,6 +122,16 @@ def test_each_language_has_words_of_asking():
     indirect |= {"es": "Quiero saber quién estuvo aquí", "en": "I want to know who was here"}
     asked = {code: without_matrix(tokens(text), LANGUAGES[code])[0] for code, text in indirect.items()}
     assert asked == {"de": "wer", "fr": "qui", "es": "quien", "en": "who"}
+
+
+def test_many_unknown_words_take_little_time(waldo):
+    """A page takes questions of 500 characters; words of the Spanish lexicon were stemmed for each unknown one."""
+    chance = random.Random(3)
+    words = ["".join(chance.choices("abcdefghijklmnoprstuvw", k=9)) for _ in range(50)]
+    answer(waldo, words[0])  # reads the lexicon
+    begun = time.process_time()
+    assert not answer(waldo, " ".join(words)).known
+    assert time.process_time() - begun < 4.0
 
 
 @pytest.mark.parametrize(

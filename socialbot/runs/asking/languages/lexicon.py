@@ -226,11 +226,11 @@ def _entries(language: str) -> Mapping[str, Mapping[Phrase, Set[Meaning]]]:
 
 
 @cache
-def words(language: str) -> Set[str]:
+def words(language: str) -> frozenset[str]:
     """Return the words of all phrases: they are written as they are meant, and resemble others by chance only."""
     if language == _ENGLISH:
-        return {word for each in _paragraphs() for one in each.phrases[_ENGLISH] for word in tokens(one)}
-    return {word for forms in _entries(language).values() for form in forms for word in form}
+        return frozenset(word for each in _paragraphs() for one in each.phrases[_ENGLISH] for word in tokens(one))
+    return frozenset(word for forms in _entries(language).values() for form in forms for word in form)
 
 
 def section_of(meaning: Meaning) -> str:
