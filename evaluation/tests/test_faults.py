@@ -92,6 +92,22 @@ def test_the_command_writes_the_table_and_ends_with_1_when_something_is_missed(t
     assert "within 1 s" in capsys.readouterr().out
 
 
+WITHOUT_VOICE = """
+import runpy, sys
+sys.modules["espeakng_loader"] = None
+sys.argv[1:] = ["--quick", "--only", sys.argv[1], "--out", sys.argv[2]]
+runpy.run_module("evaluation.faults", run_name="__main__")
+"""
+
+
+def test_rows_with_speech_say_at_once_that_the_voice_is_missing(tmp_path):
+    command = [sys.executable, "-c", WITHOUT_VOICE, "packets,clear", str(tmp_path / "runs")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stdout) == (5, "")
+    assert "espeak-ng is not installed" in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
 def test_rows_have_records_of_their_own(tmp_path):
     plan = Plan(tmp_path, 51, print)
     assert plan.records("clear").is_dir()
