@@ -218,6 +218,9 @@ def times(count: int) -> str:
 
 
 GraphArgument = Annotated[str, typer.Argument(help="Built-in graph or graph file.", autocompletion=graph_names)]
+CameraInfoOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Calibration of the camera, YAML of camera_calibration.")
+]
 BagGraphOption = Annotated[
     str | None,
     typer.Option(help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=graph_names),

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from socialbot.bags import codec
 from socialbot.cli._console import Console, print_line
-from socialbot.cli._options import BagArgument, ParentOption, bar, expect_effect, many, plain_table
+from socialbot.cli._options import BagArgument, CameraInfoOption, ParentOption, bar, expect_effect, many, plain_table
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError, ParameterError
 from socialbot.core.messages import CompressedImage, Image
@@ -120,9 +120,7 @@ def import_(
     hfov: Annotated[
         float | None, typer.Option(help="Horizontal field of view, degrees; default: 60 along the longer side.")
     ] = None,
-    camera_info: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration of the camera (YAML of camera_calibration).")
-    ] = None,
+    camera_info: CameraInfoOption = None,
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
     width: Annotated[int | None, typer.Option(help="Scale images to this width, pixels.")] = None,
     topic: Annotated[str, typer.Option(help="Topic of the images.")] = "/camera/image_raw/compressed",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from socialbot.cli._console import Console
-from socialbot.cli._options import expect_effect, many
+from socialbot.cli._options import CameraInfoOption, expect_effect, many
 
 if TYPE_CHECKING:
     import numpy as np
@@ -143,10 +143,7 @@ def calibrate(
     ],
     image_topic: Annotated[str | None, typer.Option(help="Image topic, when the bag has several.")] = None,
     hfov_rad: Annotated[float, typer.Option(min=0.1, max=3.0, help="Field of view without a camera_info.")] = 1.09,
-    camera_info: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Calibration without a camera_info (YAML of camera_calibration)."),
-    ] = None,
+    camera_info: CameraInfoOption = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="How long to watch a camera or topic.")] = 60.0,
     save: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the pose file.")] = None,
 ) -> None:

@@ -87,6 +87,7 @@ MEANINGS = {
     "--at": "Time ",
     "--bag": "Record a bag ",
     "--cache": "Reuse cached detections ",
+    "--camera-info": "Calibration of the camera",
     "--composed": "Run all nodes in one process",
     "--domain": "ROS domain ",
     "--duration": "Time limit",
