@@ -346,9 +346,14 @@ def wheels_installed() -> bool:
     return installed_version("ros-rclpy") is not None
 
 
+def asks_security(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether the security of DDS (SROS 2) is asked for."""
+    return environment.get(SECURITY_VARIABLE, "").lower() == "true"
+
+
 def lacks_security(environment: Mapping[str, str] = os.environ) -> bool:
     """Whether the security of DDS is asked for and not there; the wheels would ignore it with Permissive."""
-    return environment.get(SECURITY_VARIABLE, "").lower() == "true" and wheels_installed()
+    return asks_security(environment) and wheels_installed()
 
 
 def ros_remedy() -> str:

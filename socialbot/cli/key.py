@@ -114,7 +114,7 @@ def enclaves(
     created = _make_enclaves(store, machines, domain)
     path = shlex.quote(str(store))
     print_line(f"keystore {path} for ROS domain {domain}")
-    print_line(f"copy nothing of {shlex.quote(str(store / 'private'))}: who has these keys of the CA can make enclaves")
+    print_line(f"copy nothing of {shlex.quote(str(store / 'private'))}: its keys of the CA can make other enclaves")
     for machine, address in machines.items():
         print_line(f"\n{machine}: enclave /socialbot/{machine}, {'created' if machine in created else 'kept as it is'}")
         if address and not is_own(address):
@@ -127,6 +127,7 @@ def enclaves(
             "ROS_SECURITY_STRATEGY=Enforce",
             f"ROS_SECURITY_KEYSTORE={path}",
             f"ROS_SECURITY_ENCLAVE_OVERRIDE=/socialbot/{machine}",
+            f"ROS_DOMAIN_ID={domain}",
         ):
             print_line(f"  export {setting}")
 

@@ -229,6 +229,16 @@ class TestRosChecks:
         assert finding is not None
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
+    @pytest.mark.parametrize(("security", "is_own"), [("true", True), ("True", True), ("false", False), ("", False)])
+    def test_round_trip_with_security_is_in_the_domain_of_its_enclave(self, monkeypatch, security, is_own):
+        """In another domain, DDS refuses the enclave. DDS with security is not here, so no image is sent."""
+        domains: list[str] = []
+        monkeypatch.setenv("ROS_SECURITY_ENABLE", security)
+        monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+        monkeypatch.setattr(ros_checks, "_count", lambda variables, part: domains.append(variables["ROS_DOMAIN_ID"]))
+        ros_checks.try_round_trip()
+        assert [domain == "7" for domain in domains] == [is_own, is_own]
+
     @pytest.mark.ros
     def test_failing_round_trip(self, monkeypatch):
         def fail() -> Trial:

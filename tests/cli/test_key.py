@@ -128,6 +128,7 @@ def test_prints_what_to_set_on_each_machine(ros2: Ros2, file: Path, store: Path,
             "ROS_SECURITY_STRATEGY=Enforce",
             f"ROS_SECURITY_KEYSTORE={store}",
             f"ROS_SECURITY_ENCLAVE_OVERRIDE=/socialbot/{machine}",
+            "ROS_DOMAIN_ID=42",
         ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import json
 import os
 import resource
 import signal
@@ -71,6 +72,43 @@ def many_files() -> Iterator[None]:
 def test_a_graph_starts_in_a_process_with_many_open_files(tmp_path: Path) -> None:
     with Supervisor(load_graph("waldo"), tmp_path, nodes=["head"]) as supervisor:
         assert eventually(lambda: supervisor.attend(0.1) or supervisor.members["head"].state == ACTIVE)
+
+
+RECORDER = """\
+import json, os
+from pathlib import Path
+from socialbot.graph.node import Node
+
+class Recorder(Node):
+    def start(self):
+        temporary = Path(__file__).with_name(f"{os.getpid()}.new")
+        temporary.write_text(json.dumps({n: v for n, v in os.environ.items() if n.startswith("ROS_SECURITY_")}))
+        temporary.rename(temporary.with_suffix(".json"))
+"""
+
+
+@pytest.mark.parametrize("servers", [fork_server_module.MAX_SERVERS, 0])
+def test_variables_of_sros2_reach_every_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, servers: int) -> None:
+    """With and without a fork server. The wheels end if ROS_SECURITY_ENABLE is true, as they lack the security."""
+    variables = {
+        "ROS_SECURITY_ENABLE": "false",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_KEYSTORE": str(tmp_path / "keystore"),
+        "ROS_SECURITY_ENCLAVE_OVERRIDE": "/socialbot/robot",
+    }
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(fork_server_module, "MAX_SERVERS", servers)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    module = f"recorder_{servers}"
+    (tmp_path / f"{module}.py").write_text(RECORDER)
+    file = tmp_path / "recorders.yaml"
+    file.write_text(
+        f"name: recorders\nnodes: {{one: {{type: '{module}:Recorder'}}, two: {{type: '{module}:Recorder'}}}}"
+    )
+    with Supervisor(load_graph(str(file)), tmp_path / "log") as supervisor:
+        assert eventually(lambda: supervisor.attend(0.1) or len([*tmp_path.glob("*.json")]) == 2)
+    assert [json.loads(path.read_text()) for path in tmp_path.glob("*.json")] == [variables, variables]
 
 
 @pytest.mark.slow
