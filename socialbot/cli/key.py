@@ -23,7 +23,9 @@ EXAMPLES = (
     "socialbot key enclaves waldo.yaml --keystore sros2",
 )
 key = typer.Typer(
-    add_completion=False, help="Manage the keys that sign messages between machines.", no_args_is_help=True
+    add_completion=False,
+    help="Manage the keys that sign messages between machines, and SROS2 enclaves.",
+    no_args_is_help=True,
 )
 
 FolderOption = Annotated[Path | None, typer.Option(help="Folder of keys; default: SOCIALBOT_KEYS, else ./keys.")]
