@@ -582,7 +582,7 @@ def _words_said(found: Found, quoted: Sequence[str], subjects: Subjects) -> tupl
     named = found.referred | {n for n, word in enumerate(words) if word in subjects.argument_names}
     end = next((n for n in range(max(said) + 2, len(words)) if n in named), len(words))
     others = reading.language.first_words("people", "nobody", "all")
-    if end == len(words) and words[-2] in _BEFORE_ADDRESSEE and words[-1] in others:
+    if end == len(words) > 1 and words[-2] in _BEFORE_ADDRESSEE and words[-1] in others:
         end -= 1  # "thank you to anybody"
     begin = max(said) + 1
     if begin == len(words):  # the verb is the last word, as in German and in a passive

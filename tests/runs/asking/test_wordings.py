@@ -124,6 +124,17 @@ def test_each_language_has_words_of_asking():
     assert asked == {"de": "wer", "fr": "qui", "es": "quien", "en": "who"}
 
 
+@pytest.mark.parametrize("code", ["de", "en", "es", "fr"])
+def test_each_word_alone_is_answered_or_refused(waldo, code):
+    """A verb of saying alone ended with an IndexError."""
+    of_saying = [phrase for name in ("say", "hear", "asks", "replies") for phrase in LANGUAGES[code].phrases[name]]
+    for phrase in of_saying:
+        assert answer(waldo, " ".join(phrase)).text
+    words = sorted(LANGUAGES[code].known_words)
+    for word in random.Random(5).sample(words, 40):
+        assert answer(waldo, word).text
+
+
 def test_many_unknown_words_take_little_time(waldo):
     """A page takes questions of 500 characters; words of the Spanish lexicon were stemmed for each unknown one."""
     chance = random.Random(3)
